@@ -28,7 +28,7 @@ class Policy:
         envs: int = 1,
         exploration: ExplorationConfig | None = None,
     ) -> None:
-        """``exploration`` says how random actions are drawn; by default each agent step anew."""
+        """``exploration`` says how random actions are drawn; by default, each step draws anew."""
         self.network = network.eval()
         self.weights_version = 0
         self.epsilon = 1.0

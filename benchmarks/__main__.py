@@ -1,6 +1,6 @@
 """`python -m benchmarks`: lists the benchmarks, or runs one of them, or all.
 
-python -m benchmarks                     what there is to measure
+python -m benchmarks                     list of the benchmarks
 python -m benchmarks env_steps --envs 2  one benchmark, with its own flags (the same as
                                          python -m benchmarks.env_steps --envs 2)
 python -m benchmarks all                 all, with the flags of the published tables, into results/
@@ -52,7 +52,7 @@ def run_all() -> None:
     """Measures all published results, each in a process of its own.
 
     Raises:
-        InputError: one of them failed.
+        InputError: a benchmark failed.
     """
     for name, benchmark in BENCHMARKS.items():
         for result, flags in benchmark.published.items():

@@ -1,8 +1,9 @@
 """`python -m benchmarks.actor_steps`: agent steps per second of a whole actor on one core.
 
 A real actor process on a core of its own plays by its network, streams its transitions to a replay
-process on the other cores, and sends its statistics. Nobody learns, so it is never throttled; the
-network has its initial weights, which take as long to evaluate. The kinds of actor take turns.
+process on the other cores, and sends its statistics. No learner runs, so the actor is never
+throttled. The network has its initial weights, which take as long to evaluate as trained ones. The
+kinds of actor take turns.
 """
 
 import os
@@ -21,7 +22,7 @@ from common.process.supervisor import Child
 
 _WARMUP = 256
 _FIRST = 4
-"""Chunks of each environment before a turn's window begins."""
+"""Chunks that each environment sends before a turn's window begins."""
 _TITLES: dict[str, str] = {"ale": "ALE-Only", "robot": "robot"}
 
 
@@ -32,18 +33,18 @@ class Options(BenchmarkOptions):
     game: str = "pong"
     """Any game that ale-py bundles."""
     envs: Numbers = (1, 2, 4)
-    """Numbers of environments in the process, each measured."""
+    """Numbers of environments in the process; each is measured."""
     seconds: Seconds = 5.0
-    """Seconds of each turn; starting takes as long again."""
+    """Length of each turn, in seconds; starting takes as long again."""
     turns: FromOne = 3
-    """Turns of each kind of actor."""
+    """Number of turns of each kind of actor."""
 
 
 class Hub(HostedRun):
     """A replay that never throttles its actors.
 
     Args:
-        core: on which its actors run.
+        core: number of the core on which its actors run.
     """
 
     def __init__(self, env: str, game: str, core: int) -> None:
@@ -52,29 +53,31 @@ class Hub(HostedRun):
             *("--env", env, "--game", game),
             *("--replay.capacity", "20000", "--replay.learning-starts", str(_WARMUP)),
             *("--replay.ratio-tolerance", str(10**9)),
-            # After the initial steps ε is what it is for most of a run: the network chooses.
+            # After the initial steps ε has its final value, so that the network chooses.
             *("--exploration.steps", "1"),
         )
         self._core = core
         self._actors = 0
 
     def steps_per_second(self, envs: int, seconds: float) -> float:
-        """Returns the rate of a new actor with so many environments, watched for so long.
+        """Returns the agent steps per second of a new actor with ``envs`` environments.
+
+        It is watched for ``seconds``.
 
         Raises:
-            InputError: the actor failed, and has said why.
+            InputError: the actor failed and printed why.
         """
         self._actors += 1
         name = f"actor-{self._actors}"
         arguments = ["--connect", self.endpoint, "--name", name, "--envs", str(envs)]
         actor = Child("actors", *arguments, stderr=subprocess.PIPE)
-        os.sched_setaffinity(actor.pid, {self._core})  # before it has threads, which inherit it
+        os.sched_setaffinity(actor.pid, {self._core})  # set early, so that its threads inherit it
         self.children["actor"] = actor
         try:
             for _ in range(_FIRST * envs):
                 began, before = self._next_chunk(name)
             time.sleep(seconds)
-            self._next_chunk(name)  # one that may have come long since
+            self._next_chunk(name)  # this one may have come long ago
             ended, steps = self._next_chunk(name)
         finally:
             del self.children["actor"]
@@ -82,7 +85,7 @@ class Hub(HostedRun):
         return (steps - before) / (ended - began)
 
     def _next_chunk(self, name: str) -> tuple[float, int]:
-        """Returns when an actor's next chunk was accepted, and the agent steps with it."""
+        """Returns when an actor's next chunk was accepted, and the agent steps up to it."""
         while True:
             now, chunks = self.next_chunks()
             if chunks[-1].actor == name:
@@ -111,7 +114,7 @@ def measure(options: Options) -> Report:
 
 @contextmanager
 def _one_core_set_apart() -> Iterator[int]:
-    """A core that this process, and those that it starts, leave alone; the only one, if need be."""
+    """Yields a core that this process and its children leave alone, if there are two or more."""
     usable = os.sched_getaffinity(0)
     core = max(usable)
     os.sched_setaffinity(0, usable - {core} or usable)

@@ -1,4 +1,4 @@
-"""A process that takes so many cores and does nothing else, beside which others are measured."""
+"""A process that only keeps cores busy, beside which others are measured."""
 
 import hashlib
 import math
@@ -8,12 +8,12 @@ import time
 from benchmarks.child import serve
 
 _BLOCK = bytes(2**18)
-"""Bytes that are hashed at a time, without Python's lock."""
+"""Bytes that are hashed at a time; hashing so many releases Python's lock."""
 _PAUSE = 0.001
 
 
 class Busy:
-    """Takes ``cores`` cores, or what of them it gets, until it ends."""
+    """Keeps ``cores`` cores busy, or as much of them as it gets, until it ends."""
 
     def __init__(self, cores: float) -> None:
         threads = math.ceil(cores)
@@ -21,7 +21,7 @@ class Busy:
             threading.Thread(target=_work, args=[cores / threads], daemon=True).start()
 
     def counts(self) -> dict[str, float]:
-        """Returns the seconds of processor time that it took since its start."""
+        """Returns the seconds of processor time that it has taken since its start."""
         return {"cpu": time.process_time()}
 
 

@@ -1,6 +1,6 @@
-"""What a benchmark with processes of its own needs: an address for them, and a way to end.
+"""Processes for benchmarks: free addresses, temporary folders, and processes that surely end.
 
-`Helper` is a process whose object's methods are called, `run_module` one that is waited for.
+`Helper` is a process whose object's methods are called; `run_module` waits for a whole process.
 """
 
 import contextlib
@@ -19,31 +19,31 @@ from common.process.supervisor import Child
 
 
 def free_port() -> int:
-    """A port of this machine at which nobody listens.
+    """Returns a port of this machine at which nobody listens.
 
-    The kernel gives it to no other process for a minute: it remembers a connection that this
-    side ended (TIME_WAIT). A server that sets SO_REUSEADDR, as servers do, can listen there all
-    the same. So does the package ephemeral-port-reserve.
+    For a minute, the kernel gives it to no other process, because it remembers a connection that
+    this side ended (TIME_WAIT). A server that sets SO_REUSEADDR, as servers do, can still listen
+    there. The package ephemeral-port-reserve does the same.
     """
     with socket.socket() as place, socket.socket() as guest:
         place.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         place.bind(("127.0.0.1", 0))
         place.listen()
         guest.connect(place.getsockname())
-        # The side that closes first is the one that remembers; so the guest closes after it.
+        # The side that closes first remembers the connection, so the guest closes later.
         place.accept()[0].close()
         port: int = place.getsockname()[1]
         return port
 
 
 def free_endpoint() -> str:
-    """An address of this machine at which nobody listens."""
+    """Returns an address of this machine at which nobody listens."""
     return f"tcp/127.0.0.1:{free_port()}"
 
 
 @contextlib.contextmanager
 def scratch(place: Path | None = None) -> Iterator[Path]:
-    """A temporary folder, in ``place`` or where the system has them."""
+    """Yields a temporary folder, in ``place`` or in the system's usual place."""
     prefix = "ale-robot-bench-"
     with tempfile.TemporaryDirectory(prefix=prefix, dir=place, ignore_cleanup_errors=True) as name:
         yield Path(name)
@@ -52,13 +52,13 @@ def scratch(place: Path | None = None) -> Iterator[Path]:
 def run_module(module: str, *arguments: str, quiet: bool = False) -> None:
     """Runs ``python -m module`` on this terminal, and waits until it has ended.
 
-    When this process is interrupted, the module is asked to end, and may still write a checkpoint.
+    When this process is interrupted, the module is asked to end and may still write a checkpoint.
 
     Args:
         quiet: whether only its errors are shown.
 
     Raises:
-        InputError: it failed, and has said why.
+        InputError: the module failed and printed why.
     """
     output = subprocess.DEVNULL if quiet else None
     process = subprocess.Popen([sys.executable, "-m", module, *arguments], stdout=output)
@@ -75,10 +75,10 @@ def run_module(module: str, *arguments: str, quiet: bool = False) -> None:
 
 
 def refusal(*command: str | Path, **how: Any) -> str | None:
-    """Runs ``command``; returns why it did not do its work, None if it did.
+    """Runs ``command``; returns why it failed, None if it succeeded.
 
     Args:
-        how: as of `subprocess.run`.
+        how: arguments of `subprocess.run`.
     """
     try:
         done = subprocess.run(command, capture_output=True, text=True, **how)
@@ -89,25 +89,25 @@ def refusal(*command: str | Path, **how: Any) -> str | None:
 
 
 def stat_of(process: int) -> list[str]:
-    """Returns what Linux tells of a process after its name: its state, its parent and so on."""
-    # The name, in brackets, may hold anything; what follows it are numbers.
+    """Returns the fields of /proc/PID/stat after the name: state, parent and so on."""
+    # The name, in brackets, may hold anything, even brackets; only the fields after it are safe.
     return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
 
 
 def cpu_seconds(stat: list[str]) -> float:
-    """Returns the processor time of `stat_of`."""
+    """Returns the seconds of processor time in the fields of `stat_of`."""
     return sum(map(int, stat[11:13])) / os.sysconf("SC_CLK_TCK")
 
 
 class Helper(Child):
-    """A child process that made an object, and calls its methods when it is asked to.
+    """A child process that holds an object and calls its methods on request.
 
-    A context manager that ends it. What is asked and answered are values of JSON.
+    It is a context manager that ends the process. Arguments and results are values of JSON.
 
     Args:
-        name: what people call it.
-        module: its main program is `serve`.
-        settings: arguments of what makes the object.
+        name: name of the process for people.
+        module: module whose main program is `serve`.
+        settings: arguments for making the object.
     """
 
     def __init__(self, name: str, module: str, /, **settings: Any) -> None:
@@ -119,17 +119,17 @@ class Helper(Child):
         self.end()
 
     def begin(self, method: str, *arguments: Any) -> None:
-        """Lets it call a method; that it is gone is noticed by `hear`."""
+        """Starts a call of a method; `hear` notices if the process has gone."""
         assert self.stdin is not None
         with contextlib.suppress(BrokenPipeError):
             self.stdin.write(f"{json.dumps([method, *arguments])}\n")
             self.stdin.flush()
 
     def hear(self) -> Any:
-        """Returns what the next method returned.
+        """Returns the result of the next method that was begun.
 
         Raises:
-            InputError: it ended, and has said why.
+            InputError: the process ended and printed why.
         """
         assert self.stdout is not None
         line = self.stdout.readline()
@@ -138,13 +138,13 @@ class Helper(Child):
         return json.loads(line)
 
     def ask(self, method: str, *arguments: Any) -> Any:
-        """Returns what a method returns. Raises InputError as `hear` does."""
+        """Returns the result of a method; raises InputError as `hear` does."""
         self.begin(method, *arguments)
         return self.hear()
 
 
 def serve(make: Callable[..., object]) -> None:
-    """The main program of a `Helper`, which ends when nobody asks any more."""
+    """Runs the main program of a `Helper`, which ends when its parent has gone."""
 
     def work() -> None:
         made = make(**json.loads(sys.argv[1]))

@@ -1,7 +1,7 @@
-"""`python -m benchmarks.env_steps`: decisions per second of environments on one core.
+"""`python -m benchmarks.env_steps`: agent steps per second of environments on one core.
 
-No policy, no stream: random actions. The kinds of environment take turns. Where a decision's time
-goes is measured in turns of their own, so that the stopwatches are not in the rates.
+Actions are random, without policy and stream. The kinds of environment take turns. How an agent
+step spends its time is measured in separate turns, so that stopwatches do not lower the rates.
 """
 
 import time
@@ -43,30 +43,30 @@ _PARTS: dict[str, tuple[tuple[type, str], ...]] = {
     "render": ((Nao, "picture"), (Sensor, "take")),
     "detection": ((ScreenDetector, "detect"),),
 }
-"""What a decision is made of: methods, none of which calls another of them. Physics includes the
-hands' control and reading the keys; detection includes unwarping to 84×84."""
+"""Parts of an agent step: methods that do not call each other. Physics includes the hands' control
+and reading the keys; detection includes unwarping to 84×84."""
 
 
 @dataclass(frozen=True)
 class Options(BenchmarkOptions):
-    """Time the environments' decisions: the emulator alone, and the robot."""
+    """Time the agent steps of the environments: the emulator alone, and the robot."""
 
     game: str = "pong"
     """Any game that ale-py bundles."""
     envs: FromOne = 1
-    """Environments of each kind, which take turns in this one process."""
+    """Number of environments of each kind, which take turns in this one process."""
     decisions: FromOne = 500
-    """Steps per turn, over all environments of a kind."""
+    """Agent steps per turn, over all environments of a kind."""
     turns: FromOne = 8
-    """Turns of each kind."""
+    """Number of turns of each kind."""
     camera: CameraConfig = field(default_factory=CameraConfig)
     """The robot's camera; perfect by default."""
     beside_learner: bool = False
-    """Let another process train a network on another core meanwhile."""
+    """Train a network in another process on another core meanwhile."""
 
 
 class Turn(NamedTuple):
-    """What was counted in one turn of one kind of environment."""
+    """The counts of one turn of one kind of environment."""
 
     steps: int
     decisions: int
@@ -74,7 +74,7 @@ class Turn(NamedTuple):
 
 
 class Player:
-    """Environments of one kind, played at random in turn."""
+    """Plays environments of one kind at random, in turn."""
 
     def __init__(self, kind: Kind, options: Options) -> None:
         preset = PRESETS["robot"]
@@ -112,7 +112,7 @@ class Player:
 
 
 def break_down(player: Player, steps: int) -> dict[str, float]:
-    """Plays with stopwatches; returns the µs of each part of a decision, those in resets too."""
+    """Plays with stopwatches; returns the µs of each part of an agent step, including resets."""
     spent = dict.fromkeys(_PARTS, 0.0)
 
     def timed(part: str, method: Any) -> Any:

@@ -1,12 +1,14 @@
-"""`python -m benchmarks.epochs_per_day`: how many of the report's epochs a day has room for.
+"""`python -m benchmarks.epochs_per_day`: how many epochs of 2017 a day has room for.
 
-An epoch is 250,000 steps of training and 125,000 of testing. Local mode runs three times, as it is:
-until it trains in a steady state while its evaluator has nothing to do; so that the evaluator tests
-all the time beside the training; and until training is over and the evaluator tests alone.
+An epoch is 250,000 steps of training and 125,000 of testing. Unchanged local mode runs three times:
 
-Of these come two figures. ``epochs_per_day`` sets training alone and test alone end to end, as in
-2017. ``epochs_per_day_overlapped`` is what a run does: each epoch's test goes on beside the
-training of the next, which it slows down.
+1. it trains in a steady state while its evaluator is idle;
+2. the evaluator tests all the time beside the training;
+3. training is over, and the evaluator tests alone.
+
+They give two figures. ``epochs_per_day`` puts training alone and testing alone end to end, as in
+2017. ``epochs_per_day_overlapped`` is what a run does: each epoch is tested during the training of
+the next, which that slows down.
 """
 
 from dataclasses import dataclass
@@ -20,36 +22,37 @@ from learner.phases import epochs_per_day
 _DAY = 86_400
 _REPORT = PRESETS["paper"].protocol
 _UNTIL_TEST = 10.0
-"""Seconds of training before the second run's first test."""
+"""Seconds of training before the first test of the second run."""
 
 
 @dataclass(frozen=True)
 class Options(Setting):
-    """Measure local mode's real processes at the report's ratio of updates to steps."""
+    """Measure local mode's real processes at the 2017 ratio of updates to steps."""
 
     seconds: Seconds = 20.0
-    """Seconds of each of the three windows; starting and settling take as long or longer."""
+    """Length of each of the three windows, in seconds; starting and settling take as long or
+    longer."""
 
 
 class Paces(NamedTuple):
-    """The three windows of one setting."""
+    """The rates in the three windows of one setting."""
 
     training: Pace
-    """The evaluator has nothing to do."""
+    """Rates while the evaluator is idle."""
     testing: Pace
-    """The evaluator plays all the time, beside the training."""
+    """Rates while the evaluator plays all the time beside the training."""
     test_alone: float
-    """Test steps per second while nobody trains."""
+    """Test steps per second without training."""
 
     @property
     def epochs_per_day(self) -> float | None:
-        """Training and test one after the other."""
+        """Epochs per day if training and test take turns."""
         rates = self.training.train_steps_per_second, self.test_alone
         return epochs_per_day(_REPORT.epoch_steps, _REPORT.test_steps, *rates)
 
     @property
     def epochs_per_day_overlapped(self) -> float | None:
-        """Each test beside the next epoch's training."""
+        """Epochs per day if each test runs beside the next epoch's training."""
         if not self.testing.test_steps_per_second:
             return None
         testing = _REPORT.test_steps / self.testing.test_steps_per_second
@@ -58,7 +61,7 @@ class Paces(NamedTuple):
 
 
 def paces_of(setting: Setting, seconds: float) -> Paces:
-    """The windows, in runs of their own."""
+    """Returns the rates in the three windows, each measured in a run of its own."""
     with LocalRun(setting) as run:
         run.settle()
         training = run.measure(seconds)
@@ -89,9 +92,10 @@ def row(name: str, pace: Pace) -> dict[str, Any]:
 
 
 def summary(setting: Setting, paces: Paces) -> dict[str, Any]:
-    """The figures for machines; those of training are of the first window.
+    """Returns the figures for the JSON file.
 
-    ``cpu_share`` is the second window's, in which all roles are at work.
+    Those of training come from the first window. ``cpu_share`` comes from the second one, in which
+    all roles work.
     """
     training, testing, _ = paces
     return {

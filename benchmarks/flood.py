@@ -1,11 +1,16 @@
-"""`python -m benchmarks.flood`: what one actor's certificate is good for to hold up a training.
+"""`python -m benchmarks.flood`: how much one client with a certificate can slow a training.
 
-A learner, which is its own hub, and one actor train Catch, with certificates by name. In turns they
-are left alone, flooded by another client with a certificate of its own (whole chunks as fast as it
-can, heartbeats and requests for the newest weights), and beside a busy process that sends nothing.
+A learner, which is its own hub, and one actor train Catch with certificates. There are three kinds
+of turns:
+
+* learner and actor run alone;
+* another client with a certificate of its own floods them with valid chunks as fast as it can, with
+  heartbeats and with requests for the newest weights;
+* a busy process runs beside them and sends nothing.
+
 Each turn is a run of its own, because a flood's steps stay in the replay. The rate is the learner's
-own figures: updates by its clock. All processes share one machine, so the busy process takes as
-many cores as the flooder took, and what the flood costs is told against that.
+own figure: updates by its clock. All processes share one machine, so the busy process takes as many
+cores as the flooder took, and the cost of the flood is given relative to that.
 """
 
 import time
@@ -42,7 +47,7 @@ _NEVER = str(10**9)
 _BUSY = "measure on a machine that is less busy."
 FLAGS = (
     *("--env", "catch", "--preset", "fast", "--learning.network", "nips", "--threads", "1"),
-    # An update for each step, so that the learner is what the run waits for.
+    # One update for each step, so that the learner limits the run.
     *("--learning.batch-size", "32", "--learning.train-period", "1"),
     *("--learning.publish-period", "50", "--protocol.epoch-steps", _NEVER),
     *("--replay.capacity", "20000", "--replay.learning-starts", "300"),
@@ -52,17 +57,18 @@ FLAGS = (
 
 @dataclass(frozen=True)
 class Options(BenchmarkOptions):
-    """Let a client with a certificate flood a training, and measure how much slower it is."""
+    """Flood a training from a client with a certificate, and measure how much slower it becomes."""
 
     turns: FromOne = 4
-    """Runs of each kind."""
+    """Number of runs of each kind."""
     seconds: Seconds = CUT_OFF
-    """Seconds of each run in which is counted: by default until the hub hears the flooder again."""
+    """Length of the measurement in each run, in seconds; by default until the hub hears the flooder
+    again."""
     quota: FromOne = STEPS_PER_SECOND
-    """Steps per second that the hub takes of one actor (--actor-quota)."""
+    """Steps per second that the hub accepts from one actor (--actor-quota)."""
     settle: Seconds = 10.0
-    """Seconds before these, of training or of training under the flood, which first fills what room
-    the limiter has."""
+    """Seconds of training, or of training under the flood, before the measurement. A flood first
+    fills the room that the limiter leaves."""
 
 
 class Mark(NamedTuple):
@@ -75,11 +81,11 @@ class Mark(NamedTuple):
     cpu: float
     """Seconds of processor time of the learner, which is the hub."""
     actor: tuple[int, float]
-    """Agent steps of the actor, and the seconds since its start, as its last heartbeat tells."""
+    """Agent steps of the actor and seconds since its start, by its last heartbeat."""
     heartbeats: int
-    """Heartbeats of the flooder that the hub has let in."""
+    """Heartbeats of the flooder that the hub passed on."""
     sent: Mapping[str, float]
-    """What the flooder has counted, and its processor time."""
+    """The flooder's counts and its processor time."""
 
 
 class Training(HostedRun):
@@ -90,7 +96,7 @@ class Training(HostedRun):
             *("learner", *FLAGS, "--actor-quota", str(quota)), certificates=certificates
         )
         self._folder = certificates
-        self._actor, self._heartbeats = (0, 0.0), 0  # grow meanwhile, in a thread of Zenoh's
+        self._actor, self._heartbeats = (0, 0.0), 0  # a thread of Zenoh's changes them
 
     def _watch(self, stack: ExitStack) -> None:
         self.transport.subscribe(self.keys.stats("actor", "*"), self._hear)
@@ -119,10 +125,10 @@ class Training(HostedRun):
         return flooder
 
     def await_flood(self) -> None:
-        """Returns when the flood is more than the hub takes.
+        """Wait until the flood is more than the hub accepts.
 
         Raises:
-            InputError: a process ended, or what the flooder sends is within its quota.
+            InputError: a process ended, or the flood is within the flooder's quota.
         """
         deadline = time.monotonic() + _PATIENCE
         while not (self._values()["stream/over_quota"] and self._heartbeats):
@@ -130,7 +136,7 @@ class Training(HostedRun):
                 raise InputError(f"the flood is within the quota: {_BUSY}")
 
     def await_seconds(self, seconds: float) -> None:
-        """Returns when the run has trained so long, by the learner's clock, from now on.
+        """Wait until the run has trained for ``seconds`` more by the learner's clock.
 
         Raises:
             InputError: a process ended, or the learner does not train.
@@ -142,25 +148,25 @@ class Training(HostedRun):
                 raise InputError(f"the learner did not train for {seconds:g} s: {_BUSY}")
 
     def _values(self) -> Mapping[str, Any]:
-        """Returns the learner's figures; waits until it trains.
+        """Wait until the learner trains; returns its figures.
 
         Raises:
             InputError: a process ended, or the learner does not begin to train.
         """
         deadline = time.monotonic() + _PATIENCE
         while time.monotonic() < deadline:
-            time.sleep(_POLL)  # a hub drops questions that follow each other too soon
+            time.sleep(_POLL)  # a hub drops requests that come too fast
             self.check()
-            with suppress(MessageError, Unanswered):  # it starts
+            with suppress(MessageError, Unanswered):  # it is still starting
                 told = RunStatus.decode(self._status.request(b"").result().payload)
                 if told.values["learning/updates"]:
                     return told.values
         raise InputError(
-            f"the learner has not told in {_PATIENCE:g} s that it trains: see its log."
+            f"the learner did not report that it trains within {_PATIENCE:g} s: see its log."
         )
 
     def mark(self, beside: Helper | None) -> Mark:
-        """Returns the run as it is now, and what the process beside it counts."""
+        """Returns the present state of the run, with the counts of the process beside it."""
         values, pid = self._values(), self.process.pid
         sent = {} if beside is None else beside.ask("counts")
         spent = cpu_seconds(stat_of(pid))
@@ -176,7 +182,7 @@ def measure_turn(
         busy: cores that a process beside it takes.
 
     Raises:
-        InputError: a process failed, and has said why.
+        InputError: a process failed and printed why.
     """
     with ExitStack() as stack:
         run = stack.enter_context(Training(options.quota, certificates))
@@ -199,8 +205,10 @@ def measure_turn(
 
 
 def rates(first: Mark, last: Mark) -> dict[str, float]:
-    """Returns what happened between two marks, per second: updates by the learner's clock, agent
-    steps by the actor's, the rest by this process'."""
+    """Returns the rates between two marks, per second.
+
+    Updates are by the learner's clock, agent steps by the actor's, the rest by this process's.
+    """
     seconds = last.at - first.at
     steps, played = (now - before for now, before in zip(last.actor, first.actor, strict=True))
 
@@ -237,7 +245,7 @@ def measure(options: Options) -> Report:
 
 
 def report(found: Mapping[str, Sequence[dict[str, float]]]) -> Report:
-    """Returns what the turns of each kind came to; those of one number belong together."""
+    """Returns the report of all turns of each kind; turns of the same number are compared."""
     rows = []
     for kind, turns in found.items():
         updates = Spread.of([each["updates"] for each in turns])
@@ -273,7 +281,7 @@ def report(found: Mapping[str, Sequence[dict[str, float]]]) -> Report:
 
 
 def _ratio(turns: Sequence[dict[str, float]], others: Sequence[dict[str, float]]) -> Spread:
-    """Returns the updates of some turns, of those of others, turn by turn."""
+    """Returns the updates of ``turns`` as a share of those of ``others``, turn by turn."""
     pairs = zip(turns, others, strict=True)
     return Spread.of([some["updates"] / other["updates"] for some, other in pairs])
 
@@ -283,8 +291,8 @@ def _median(turns: Sequence[dict[str, float]], name: str) -> float:
 
 
 def _refusals(turns: Sequence[dict[str, float]]) -> list[dict[str, Any]]:
-    """Returns a row for each kind of message: how many the flooder sent a second, and how many the
-    hub took."""
+    """Returns a row for each kind of message: how many per second the flooder sent and the hub
+    accepted."""
     size = f"{_median(turns, 'chunk bytes') / 1e6:.0f} MB/s"
     rows = []
     for kind, taken, why in (

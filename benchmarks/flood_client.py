@@ -1,8 +1,8 @@
 """The flooder of `benchmarks.flood`: one actor's connection that sends as much as it can.
 
-Its chunks are whole and its own, so nothing but their number is wrong. They are sent as fast as it
-can; heartbeats and requests for the newest weights far oftener than a hub takes them, but not so
-often that chunks, which cost a hub most, have to wait for them.
+Its chunks are valid and its own; only their number is wrong. They are sent as fast as possible.
+Heartbeats and requests for the newest weights come far more often than a hub accepts them, but not
+so often that they hold up the chunks, which cost a hub most.
 """
 
 import sys
@@ -27,23 +27,25 @@ from common.transport.zenoh_transport import connect
 _PATIENCE = 60.0
 _DEADLINE = 5.0
 _CHUNKS_UNDER_WAY = 64
-"""Unanswered chunks, many times an honest actor's window; the connection carries no more."""
+"""Maximum unanswered chunks, many times an honest actor's window; a connection carries no more."""
 _QUESTIONS_UNDER_WAY = 1_024
-"""Unanswered requests for weights; those that the hub drops take a second each."""
+"""Maximum unanswered requests for weights; one that the hub drops takes a second."""
 _QUESTION_DEADLINE = 1.0
 _PAUSE = 0.0005
-"""Seconds after a heartbeat or a request: a hub takes one in 0.01 and in 0.2."""
+"""Seconds after a heartbeat or a request; a hub accepts one heartbeat in 0.01 s, one request in
+0.2 s."""
 _OUT = 0.01
-"""Seconds between two looks of who was cut off whether it is connected again."""
+"""Seconds between two checks, after a cut-off, whether it is connected again."""
 _SWITCH = 0.0001
-"""Most seconds that a thread waits for another one of Python's; usually 0.005, for each chunk."""
+"""Maximum seconds that a thread waits for another thread of Python's; the usual 0.005 would be lost
+for each chunk."""
 
 
 class Flooder:
-    """A client of a run's hub.
+    """A client that floods a run's hub.
 
     Args:
-        certificates: folder that has one of ``name``.
+        certificates: folder with a certificate for ``name``.
     """
 
     def __init__(self, connect_to: str, run: str, name: str, certificates: str) -> None:
@@ -51,7 +53,7 @@ class Flooder:
         sys.setswitchinterval(_SWITCH)
         folder = Path(certificates)
         transport = connect(connect_to, _PATIENCE, name=name, certificates=folder)
-        self._transport = transport  # a session that nobody holds is closed
+        self._transport = transport  # keeps the session open
         keys, config = find_run(transport, run, _PATIENCE, lambda: False)
         self._counts: Counter[str] = Counter()
         self._counting = threading.Lock()
@@ -67,7 +69,7 @@ class Flooder:
         self._heartbeat = ActorStats(name, "actor", incarnation=1, run_id=keys.run_id).encode()
 
     def flood(self) -> None:
-        """Begin, and go on until `stop`."""
+        """Start sending, until `stop` is called."""
         for thread in self._threads:
             thread.start()
 
@@ -76,11 +78,11 @@ class Flooder:
         self._over.set()
 
     def counts(self) -> dict[str, float]:
-        """Returns what was sent since the beginning, by kind, what came back, and the seconds of
-        processor time that it took.
+        """Returns the counts since the beginning: what was sent, by kind, and what came back; and
+        the seconds of processor time.
 
         Raises:
-            InputError: it floods no more.
+            InputError: the flood has ended.
         """
         if not all(thread.is_alive() for thread in self._threads):
             raise InputError("the flood has ended by itself.")
@@ -88,12 +90,12 @@ class Flooder:
             return {**self._counts, "cpu": time.process_time()}
 
     def _count(self, name: str, number: int = 1) -> None:
-        """Add to a count; answers come in threads of the transport's."""
+        """Add to a count; answers come in threads of the transport."""
         with self._counting:
             self._counts[name] += number
 
     def _goes_on(self) -> bool:
-        """Whether to send more; waits while it is cut off: what nobody gets floods nobody."""
+        """Whether to send more; waits while it is cut off, when nothing would arrive."""
         while not self._inserts.has_server and not self._over.wait(_OUT):
             pass
         return not self._over.is_set()
@@ -132,7 +134,7 @@ class Flooder:
 
 
 def _heard(hear: Callable[[Envelope | None], None]) -> Callable[[Future[Envelope]], None]:
-    """Returns what calls ``hear`` with an answer; with None where none came, or a refusal."""
+    """Returns a callback that passes the answer to ``hear``; None if there is none or a refusal."""
 
     def settle(future: Future[Envelope]) -> None:
         try:

@@ -1,7 +1,6 @@
-"""`HostedRun`: a replay, or a learner with one, at work in a process of its own.
+"""`HostedRun`: a replay, or a learner with its replay, in a process of its own.
 
-It is watched from outside: what actors send is seen as the replay accepts it, by the statistics of
-chunks that it tells whoever asks.
+It is watched from outside, by the statistics of accepted chunks that the replay gives on request.
 """
 
 import time
@@ -18,7 +17,7 @@ from replay.client import RemoteReplay
 
 RUN = "bench"
 _START = 120.0
-"""Seconds until the process serves its run."""
+"""Maximum seconds until the process serves its run."""
 _POLL = 0.02
 
 
@@ -26,9 +25,9 @@ class HostedRun:
     """``python -m MODULE`` with a run in a temporary folder; a context manager that ends it.
 
     Args:
-        flags: of the module, but for the run's name, folder and address.
-        certificates: folder with those of hub and learner, as which the run is watched; None for a
-            run without.
+        flags: flags of the module, without the run's name, folder and address.
+        certificates: folder with certificates of hub and learner; the run is watched with the
+            learner's. None for a run without certificates.
     """
 
     def __init__(self, module: str, *flags: str, certificates: Path | None = None) -> None:
@@ -39,7 +38,7 @@ class HostedRun:
         endpoint = free_endpoint()
         self.endpoint = endpoint if certificates is None else endpoint.replace("tcp/", "tls/")
         self.children: dict[str, Child] = {}
-        """Processes that should be at work, by what people call them."""
+        """Processes that should be running, by their names for people."""
 
     def __enter__(self) -> Self:
         with ExitStack() as stack:
@@ -65,7 +64,7 @@ class HostedRun:
                 stack.callback(self.transport.close)
                 self.keys, self.config = find_run(self.transport, RUN, _START, is_over)
             except KeyboardInterrupt:
-                self.check()  # the wait may have been broken off because the process ended
+                self.check()  # the wait may have failed because the process ended
                 raise
             self._replay = RemoteReplay(self.transport, self.keys, self.config)
             self._watch(stack)
@@ -76,20 +75,20 @@ class HostedRun:
         self._stack.close()
 
     def _watch(self, stack: ExitStack) -> None:
-        """Begins what else a subclass needs, as soon as the run is there; ``stack`` ends it."""
+        """Starts what else a subclass needs when the run is ready; ``stack`` ends it."""
 
     def check(self) -> None:
-        """Refuse processes that ended by themselves.
+        """Check that no process ended by itself.
 
         Raises:
-            InputError: with the last line that one of them said.
+            InputError: a process ended; the message has its last line.
         """
         for name, child in self.children.items():
             if child.poll() is not None:
                 raise child.failure(name)
 
     def next_chunks(self) -> tuple[float, tuple[ChunkStatistics, ...]]:
-        """Waits for chunks; returns the moment at which they were seen, and their statistics."""
+        """Waits for chunks; returns the time at which they were seen, and their statistics."""
         while True:
             chunks = self._replay.progress(self._seen).statistics
             now = time.monotonic()

@@ -1,9 +1,9 @@
-"""`python -m benchmarks.learner_updates`: how long an update takes, where, and how exact it is.
+"""`python -m benchmarks.learner_updates`: how long an update takes, on what, and how exact it is.
 
-* by threads and precision; the settings take turns, a few updates each
-* by kind of work, from PyTorch's profiler; on the CPU only
-* bfloat16 against float32: two learners learn from the same minibatches, whose frames a random
-  policy saw in the emulator
+* Time by threads and precision; the settings take turns, a few updates each.
+* Time by kind of work, from PyTorch's profiler; on the CPU only.
+* bfloat16 against float32: two learners learn from the same minibatches, whose frames come from
+  random play in the emulator.
 """
 
 import itertools
@@ -48,7 +48,7 @@ _KINDS: dict[str, tuple[str, ...]] = {
         "aten::_foreach_copy_",
     ),
 }
-"""Operators by kind; all else is the rest."""
+"""Operators by kind of work; all others are the rest."""
 
 
 @dataclass(frozen=True)
@@ -56,15 +56,15 @@ class Options(BenchmarkOptions):
     """Time updates of the fast preset's Double DQN."""
 
     device: DeviceChoice = "cpu"
-    """Hardware; 'auto' takes CUDA where there is one."""
+    """Hardware; 'auto' takes CUDA if available."""
     batch_size: FromOne = 32
     """Transitions per update."""
     rounds: FromOne = 40
-    """Turns of each setting."""
+    """Number of turns of each setting."""
     turn: FromOne = 5
     """Updates per turn."""
     compared: Annotated[int, Ge(0)] = 1_000
-    """Updates in which bfloat16 is compared with float32; 0 for none."""
+    """Number of updates for comparing bfloat16 with float32; 0 for no comparison."""
 
 
 def algorithm_of(
@@ -74,13 +74,13 @@ def algorithm_of(
     *,
     graphs: bool = False,
 ) -> Algorithm:
-    """Returns the run's algorithm with its first weights."""
+    """Returns the run's algorithm with its initial weights."""
     network = build_network(config, _ACTIONS)
     return build_algorithm(config, network, Device(device, bfloat16, graphs))
 
 
 def time_settings(options: Options, device: torch.device) -> list[dict[str, Any]]:
-    """A row for each number of threads and precision; on CUDA, with and without a graph."""
+    """Returns a row for each number of threads and precision; on CUDA, with and without a graph."""
     batch, cuda = noise_batch(options.batch_size, device), device.type == "cuda"
     threads = [1] if cuda else sorted({1, len(os.sched_getaffinity(0))})
     kinds = list(itertools.product((False, True), (False, True) if cuda else (False,)))
@@ -90,7 +90,7 @@ def time_settings(options: Options, device: torch.device) -> list[dict[str, Any]
     }
 
     def turn(count: int, kind: tuple[bool, bool]) -> list[float]:
-        """Seconds of each update."""
+        """Returns the seconds of each update."""
         torch.set_num_threads(count)
         algorithm = algorithms[kind]
         seconds = []
@@ -120,7 +120,7 @@ def time_settings(options: Options, device: torch.device) -> list[dict[str, Any]
 
 
 def time_kinds(options: Options) -> list[dict[str, Any]]:
-    """A row for each kind of work in a bfloat16 update on one thread, and one for the rest."""
+    """Returns a row for each kind of work in a bfloat16 update on one thread, and for the rest."""
     torch.set_num_threads(1)
     batch, algorithm = noise_batch(options.batch_size, _CPU), algorithm_of(bfloat16=True)
     for _ in range(options.turn):
@@ -147,7 +147,7 @@ def losses(algorithm: Algorithm, batches: Sequence[DeviceBatch], updates: int) -
 
 
 def compare_precisions(updates: int, device: torch.device) -> list[dict[str, Any]]:
-    """A row for each precision."""
+    """Returns a row for each precision."""
     torch.set_num_threads(1)
     with scratch() as folder:
         memory = random_play(_CONFIG, _RANDOM_STEPS, folder / "replay")

@@ -1,8 +1,8 @@
-"""`LocalRun`: a run of local mode in a temporary folder, watched from outside while it works.
+"""`LocalRun`: a run of local mode in a temporary folder, watched from outside.
 
-Nothing in the watched processes knows of it. Steps, updates and staleness come from the statistics
-of chunks, which the replay tells whoever asks; the evaluators' steps from their heartbeats;
-processor time from /proc. A window begins and ends as a chunk is accepted.
+The watched processes do not know that they are measured. Steps, updates and staleness come from
+the statistics of chunks, which the replay gives on request; the evaluators' steps come from their
+heartbeats, processor time from /proc. A window begins and ends when a chunk is accepted.
 """
 
 import os
@@ -29,9 +29,9 @@ from replay.limiter import RateLimiter
 
 ROLES = ("learner", "actors", "evaluator")
 Beat = tuple[float, ActorStats]
-"""A heartbeat, and the monotonic seconds at which it was heard."""
+"""The monotonic seconds at which a heartbeat came, and its content."""
 NEVER = 10**9
-"""Steps of an epoch, or of a test, that does not end while it is watched."""
+"""Steps of an epoch, or of a test, that does not end during the measurement."""
 _WARMUP = 256
 _SETTLE = 3.0
 _LONGEST_SETTLE = 40.0
@@ -40,17 +40,17 @@ _POLL = 0.02
 
 @dataclass(frozen=True)
 class Setting(BenchmarkOptions):
-    """What local mode is told."""
+    """The settings of local mode."""
 
     env: str = "ale"
-    """The emulator alone, or the robot."""
+    """Environment: the emulator alone, or the robot."""
     game: str = "pong"
-    """Any game that ale-py bundles."""
+    """Game: any that ale-py bundles."""
     clock: tyro.conf.OmitArgPrefixes[ClockConfig] = field(default_factory=ClockConfig)
     actors: FromOne = 1
-    """Training actors."""
+    """Number of training actors."""
     evaluators: FromOne = 1
-    """Evaluators; one is what local mode starts."""
+    """Number of evaluators; local mode itself starts one."""
     learner: str = ""
     """More flags for `python -m learner`, as in --learner="--threads 2"."""
 
@@ -62,7 +62,7 @@ class Setting(BenchmarkOptions):
         self.clock.check(self.env)
 
     def flags(self) -> list[str]:
-        """The same as flags of `python -m learner`, with the report's ratio of updates to steps."""
+        """Returns the flags of `python -m learner`, with the 2017 ratio of updates to steps."""
         return [
             *("--preset", "paper" if self.env == "ale" else "robot"),
             *("--env", self.env, "--game", self.game),
@@ -70,7 +70,7 @@ class Setting(BenchmarkOptions):
             *("--actors", str(self.actors), "--evaluators", str(self.evaluators)),
             *self.clock.flags(),
             *("--replay.capacity", "100000", "--replay.learning-starts", str(_WARMUP)),
-            # Past the warm-up ε is what it is for most of a run: the network chooses.
+            # After the warm-up ε has its final value, so that the network chooses.
             *("--exploration.steps", "1", "--protocol.held-out-states", str(_WARMUP)),
             *shlex.split(self.learner),
         ]
@@ -81,18 +81,18 @@ class Mark(NamedTuple):
 
     at: float
     newest: ChunkStatistics
-    """Statistics with that chunk."""
+    """Statistics with the chunk that was just accepted."""
     cpu: dict[int, tuple[str, float]]
     """Role and seconds of processor time, by process."""
 
     @property
     def begun(self) -> int:
-        """Updates begun when that chunk came."""
+        """Number of updates that had begun when the chunk came."""
         return self.newest.weights_version + self.newest.staleness
 
 
 class Pace(NamedTuple):
-    """What was counted in one window; rates are per second of wall clock."""
+    """The figures of one window; rates are per second of wall clock."""
 
     seconds: float
     train_steps_per_second: float
@@ -100,11 +100,11 @@ class Pace(NamedTuple):
     test_steps_per_second: float
     samples_per_insert: float
     staleness_p50: float
-    """Updates by which an actor's weights were behind as its chunk arrived."""
+    """Updates by which an actor's weights were behind when its chunk arrived."""
     staleness_p95: float
     deadlines_kept: float | None
-    """Share of the actors' agent steps that their command reached in time, and that were in time
-    themselves; None with ``sync``."""
+    """Share of the actors' agent steps that were in time, and so was their command; None with
+    ``sync``."""
     cpu_share: dict[str, float]
     """Share of the time of all usable cores, by role."""
 
@@ -113,8 +113,8 @@ class LocalRun(HostedRun):
     """`python -m learner --local`; a context manager that ends it.
 
     Args:
-        epoch_steps: after so many training steps the first test begins.
-        steps: after so many steps training ends, and only a test that had begun goes on.
+        epoch_steps: training steps after which the first test begins.
+        steps: steps after which training ends; only a test that has begun goes on.
     """
 
     def __init__(
@@ -131,7 +131,7 @@ class LocalRun(HostedRun):
             *setting.flags(),
         )
         self._setting = setting
-        self._heard: list[Beat] = []  # grows meanwhile, in a thread of Zenoh's
+        self._heard: list[Beat] = []  # a thread of Zenoh's appends to it
         self._chunks: list[ChunkStatistics] = []
 
     def _watch(self, stack: ExitStack) -> None:
@@ -145,7 +145,8 @@ class LocalRun(HostedRun):
     # ------------------------------------------------------------------ waiting
 
     def settle(self) -> None:
-        """Wait until one side waits for the other, as it will from then on; 40 s at most."""
+        """Wait until the run is in a steady state, in which one side waits for the other; 40 s at
+        most."""
         began = None
         ratio, steps = self._limiter.samples_per_insert, self.config.stream.chunk_steps
         most = self._limiter.tolerance * ratio
@@ -156,7 +157,7 @@ class LocalRun(HostedRun):
             began = mark.at if began is None else began
             drawn = mark.begun * self._limiter.batch_size
             deficit = self._limiter.deficit(mark.newest.agent_steps, drawn)
-            # Seen as a chunk has just come, which the learner had to wait for.
+            # A learner that waits is seen just after a chunk came: hence the allowance of two.
             settled = deficit >= most or deficit <= 2 * steps * ratio - most
             waited = mark.at - began
             if waited >= _LONGEST_SETTLE or (waited >= _SETTLE and settled):
@@ -173,7 +174,7 @@ class LocalRun(HostedRun):
         self._await(lambda stats: stats.role == "actor" and stats.leaving, self._setting.actors)
 
     def _await(self, holds: Callable[[ActorStats], bool], count: int) -> None:
-        """Wait until it holds for so many processes."""
+        """Wait until a condition holds for ``count`` processes."""
         while True:
             found = {stats.name for _, stats in tuple(self._heard) if holds(stats)}
             if len(found) == count:
@@ -182,7 +183,7 @@ class LocalRun(HostedRun):
             time.sleep(_POLL)
 
     def _mark(self) -> Mark:
-        """The moment at which the next chunk is accepted."""
+        """Wait until the next chunk is accepted; returns the run at that moment."""
         now, chunks = self.next_chunks()
         self._chunks += chunks
         return Mark(now, chunks[-1], _cpu_times(self.process.pid))
@@ -190,7 +191,7 @@ class LocalRun(HostedRun):
     # ------------------------------------------------------------------ measuring
 
     def test_rate(self, seconds: float) -> float:
-        """Test steps per second, of all evaluators, watched for so many seconds."""
+        """Returns the test steps per second of all evaluators together, over ``seconds``."""
         began = time.monotonic()
         time.sleep(seconds)
         self.check()
@@ -200,8 +201,8 @@ class LocalRun(HostedRun):
         return [(at, stats) for at, stats in tuple(self._heard) if begin <= at <= end]
 
     def measure(self, seconds: float) -> Pace:
-        """Watch for so many seconds, and until the next chunk."""
-        self._mark()  # so that all that came before is taken
+        """Measure for ``seconds``, and until the next chunk."""
+        self._mark()  # takes the chunks that came before
         begin = self._mark()
         self._chunks.clear()
         time.sleep(seconds)
@@ -236,7 +237,7 @@ def first_and_last(heard: Sequence[Beat], role: str) -> list[tuple[Beat, Beat]]:
 
 
 def rate_of_tests(heard: Sequence[Beat]) -> float:
-    """Steps per second of all evaluators together, each between its first and last heartbeat."""
+    """Returns the steps per second of all evaluators, each between its first and last heartbeat."""
     return sum(
         (last.steps - first.steps) / (until - since)
         for (since, first), (until, last) in first_and_last(heard, "evaluator")
@@ -245,7 +246,7 @@ def rate_of_tests(heard: Sequence[Beat]) -> float:
 
 
 def deadlines_kept(heard: Sequence[Beat]) -> float | None:
-    """Share of the actors' agent steps whose command came in time; None without any."""
+    """Returns the share of the actors' agent steps whose command came in time; None without any."""
     agent_steps = missed = 0
     for (_, first), (_, last) in first_and_last(heard, "actor"):
         agent_steps += last.decisions - first.decisions
@@ -256,7 +257,7 @@ def deadlines_kept(heard: Sequence[Beat]) -> float | None:
 def cpu_share(
     before: dict[int, tuple[str, float]], after: dict[int, tuple[str, float]], wall: float
 ) -> dict[str, float]:
-    """Processor time by role between two marks, as a share of all usable cores' time."""
+    """Returns the processor time by role between two marks, as a share of all cores' time."""
     spent = dict.fromkeys(ROLES, 0.0)
     for process, (role, seconds) in after.items():
         spent[role] += seconds - before.get(process, (role, 0.0))[1]
@@ -265,7 +266,7 @@ def cpu_share(
 
 
 def _cpu_times(learner: int) -> dict[int, tuple[str, float]]:
-    """Role and processor seconds of the learner and its children; Linux only."""
+    """Returns role and processor seconds of the learner and its children; Linux only."""
     found: dict[int, tuple[str, float]] = {}
     for entry in Path("/proc").iterdir():
         if not entry.name.isdigit():
@@ -276,7 +277,7 @@ def _cpu_times(learner: int) -> dict[int, tuple[str, float]]:
             if learner not in (process, int(stat[1])):
                 continue
             command = (entry / "cmdline").read_bytes().split(b"\0")
-        except OSError:  # it is gone
+        except OSError:  # the process has ended
             continue
         role = "learner"
         if process != learner:

@@ -1,8 +1,8 @@
-"""`python -m benchmarks.many_actors`: what a hub carries, from one actor to a thousand.
+"""`python -m benchmarks.many_actors`: what load a hub carries, from one actor to a thousand.
 
 A real replay process is the hub. Each actor has a real session of its own and sends chunks at the
-pace of a robot in real time, an agent step each 66.7 ms; then weights are broadcast to all. With
-``--router`` a second router is between the hub and all actors: the hub sends it weights once.
+pace of a robot in real time, one agent step each 66.7 ms. Then weights are broadcast to all. With
+``--router`` a second router stands between the hub and all actors, so the hub sends weights once.
 """
 
 import time
@@ -20,32 +20,32 @@ from common.checked import FromOne
 from common.process.footprint import footprint
 
 STEPS_PER_SECOND = 15
-"""Agent steps of a robot in real time: 60 frames of the game, 4 each."""
+"""Agent steps per second of a robot in real time: 60 frames of the game, 4 for each step."""
 WEIGHTS_BYTES = 6_700_000
-"""Those of the network of Mnih et al. 2015."""
+"""Size of the weights of the network of Mnih et al. 2015."""
 
 
 @dataclass(frozen=True)
 class Options(BenchmarkOptions):
-    """Let more and more actors in real time send to one replay."""
+    """Send to one replay from more and more actors in real time."""
 
     numbers: Numbers = (1, 16, 64, 256, 1024)
-    """Numbers of actors."""
+    """Numbers of actors; each is measured."""
     seconds: Seconds = 20.0
-    """Seconds of each number."""
+    """Length of each measurement, in seconds."""
     chunk_steps: FromOne = 64
-    """Steps of a chunk."""
+    """Agent steps per chunk."""
     capacity: FromOne = 50_000
-    """Steps in the replay."""
+    """Capacity of the replay, in steps."""
     router: bool = False
-    """Whether the actors join a second router, which joins the hub."""
+    """Let the actors join a second router, which joins the hub."""
 
 
 def measure_number(options: Options, actors: int) -> dict[str, Any]:
-    """Returns what ``actors`` actors, and the hub, did.
+    """Returns the figures of ``actors`` actors and of the hub.
 
     Raises:
-        InputError: a process failed, and has said why.
+        InputError: a process failed and printed why.
     """
     with ExitStack() as stack:
         hub = stack.enter_context(
@@ -56,7 +56,7 @@ def measure_number(options: Options, actors: int) -> dict[str, Any]:
                 *("--stream.chunk-steps", str(options.chunk_steps)),
             )
         )
-        weights = hub.transport.publisher(hub.keys.weights)  # before those who listen
+        weights = hub.transport.publisher(hub.keys.weights)  # declared before any subscriber joins
         place, carriers = hub.endpoint, [hub.process]
         if options.router:
             place = free_endpoint()

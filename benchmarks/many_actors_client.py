@@ -1,6 +1,6 @@
 """The actors of `benchmarks.many_actors`, all in one process.
 
-Each has a session, a name and an insert client of its own, as on a machine of its own; only the
+Each has a session, a name and an insert client of its own, as if on a machine of its own. Only the
 robot is missing: chunks of noise are due at the pace of a robot in real time.
 """
 
@@ -20,7 +20,7 @@ from common.transport.zenoh_transport import connect
 _PATIENCE = 60.0
 _FLUSH = 30.0
 _BROADCAST = 10.0
-"""Seconds after which weights have been dropped by the way, as they are where a link is full."""
+"""Seconds after which weights count as dropped on the way, as happens on a full link."""
 
 
 class Crowd:
@@ -28,7 +28,7 @@ class Crowd:
         began = time.monotonic()
         self._latencies: list[list[float]] = []
         self._arrived: SimpleQueue[float] = SimpleQueue()
-        """Moments at which actors got weights, on the machine's monotonic clock."""
+        """Times at which actors got weights, on the machine's monotonic clock."""
         self._clients: list[InsertClient] = []
         names = tuple(f"actor-{n}" for n in range(actors))
         for name in names:
@@ -46,11 +46,11 @@ class Crowd:
         return self._join_seconds
 
     def play(self, seconds: float, steps_per_second: float) -> dict[str, Any]:
-        """Hands in chunks when they are due, each actor's shifted against the others'.
+        """Sends chunks when they are due, each actor's shifted against the others'.
 
         Returns:
-            what was counted: of chunks also those held back because the actor's window was full,
-            which a robot would have waited for, and the seconds that the last one was late.
+            counts. They include the chunks held back because the actor's window was full, for which
+            a robot would have waited, and the seconds by which the last chunk was late.
         """
         clients = self._clients
         period = self._steps / steps_per_second / len(clients)
@@ -78,7 +78,7 @@ class Crowd:
         }
 
     def arrivals(self) -> list[float]:
-        """Returns the moments, in order, when all actors have the weights or none come any more."""
+        """Wait until all actors have the weights, or no more come; returns the times in order."""
         until, moments = time.monotonic() + _BROADCAST, []
         try:
             for _ in self._clients:

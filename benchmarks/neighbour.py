@@ -1,7 +1,7 @@
-"""`neighbour`: a process that trains a network on one thread meanwhile, as a learner would.
+"""`neighbour`: a process that trains a network on one thread during a measurement, as a learner.
 
-Two cores of a rented machine may be one, or share caches and memory: what is measured alone is
-then not what is to be had beside others.
+Two cores of a rented machine may be one, or share caches and memory. A process measured alone is
+then faster than beside others.
 """
 
 from collections.abc import Iterator
@@ -16,7 +16,7 @@ from common.process.lifeline import leave_with_parent
 
 @contextmanager
 def neighbour() -> Iterator[None]:
-    """Keeps one at work while it is entered."""
+    """Keeps a neighbour at work within its context."""
     with Helper("the neighbour", "benchmarks.neighbour") as helper:
         helper.hear()
         yield

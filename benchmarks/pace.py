@@ -1,7 +1,7 @@
-"""How often something can be done in a second, on a machine whose speed changes by the minute.
+"""Measures rates per second on a machine whose speed changes by the minute.
 
-What is compared takes turns (`in_turns`), so that a slow moment falls on all alike and ratios hold;
-a figure is the median of turns beside the least and the most (`Spread`).
+Contenders take turns (`in_turns`), so that a slow moment affects all alike and ratios hold. A
+figure is the median over turns, with the least and the most (`Spread`).
 """
 
 import sys
@@ -36,11 +36,11 @@ class Spread(NamedTuple):
 def in_turns(
     contenders: Mapping[K, Callable[[], T]], turns: int, *, warm_up: int = 1, tell: bool = False
 ) -> dict[K, list[T]]:
-    """Lets each contender work once a turn; returns what each returned, turn by turn.
+    """Lets each contender work once a turn; returns the results of each, turn by turn.
 
     Args:
-        warm_up: turns before these, which do not count.
-        tell: print each turn's end.
+        warm_up: number of turns before the measured ones, which do not count.
+        tell: whether to print each turn's end.
     """
     found: dict[K, list[T]] = {name: [] for name in contenders}
     for turn in range(1 - warm_up, turns + 1):

@@ -1,4 +1,4 @@
-"""stable-baselines3's DQN at the report's ratio, for `benchmarks.peers` and `lab.race`."""
+"""stable-baselines3's DQN at the 2017 ratio of updates to steps, for `peers` and `lab.race`."""
 
 import time
 from collections.abc import Callable
@@ -16,14 +16,16 @@ _ENDLESS = 10**9
 
 
 Point = tuple[float, int, float]
-"""Seconds of a run, its agent steps, and a mean score there."""
+"""A point of a learning curve: seconds of the run, agent steps, and mean score."""
 SAMPLE_SECONDS = 10.0
 
 
 def _dqn(**settings: Any) -> Any:
-    """Returns a DQN of Pong with a buffer of 100,000 steps, that learns from a batch of 32 after
-    each 4 steps; the rest is as it comes, or as ``settings`` say."""
-    # Here, because it is no dependency of this project.
+    """Returns a DQN for Pong, with a buffer of 100,000 steps and a batch of 32 after each 4 steps.
+
+    Everything else has its default, or the value in ``settings``.
+    """
+    # Imported here, because it is not a dependency of this project.
     from stable_baselines3 import DQN
     from stable_baselines3.common.env_util import make_atari_env
     from stable_baselines3.common.vec_env import VecFrameStack
@@ -42,18 +44,18 @@ def _dqn(**settings: Any) -> Any:
 
 
 def peer_curve(config: RunConfig, seconds: float, recent: int) -> list[Point]:
-    """Returns the mean of the ``recent`` training games every 10 s, from training that long with
-    all cores.
+    """Trains for ``seconds`` with all cores; returns the mean of the last ``recent`` training games
+    every 10 s.
 
     Args:
-        config: its warm-up, its ε and its seed are the peer's too.
+        config: gives the peer's warm-up, ε and seed.
     """
     model = _dqn(
         learning_starts=config.replay.learning_starts,
         exploration_initial_eps=config.exploration.start,
         exploration_final_eps=config.exploration.end,
         exploration_fraction=config.exploration.steps / _ENDLESS,
-        target_update_interval=1_000,  # as RL Baselines3 Zoo has it for Atari games
+        target_update_interval=1_000,  # as in RL Baselines3 Zoo for Atari games
         stats_window_size=recent,
         seed=config.seed,
     )
@@ -71,8 +73,11 @@ def peer_curve(config: RunConfig, seconds: float, recent: int) -> list[Point]:
 
 
 def peer_dqn() -> Callable[[float, int], float]:
-    """Returns what goes on training for so many seconds with so many threads, in one process as its
-    users run it, and returns the agent steps per second."""
+    """Returns a function that continues training for given seconds with a given number of threads
+    and returns the agent steps per second.
+
+    It trains in one process, as the users of stable-baselines3 do.
+    """
     epsilon = PRESETS["paper"].exploration.end
     model = _dqn(
         learning_starts=_WARM_UP, exploration_initial_eps=epsilon, exploration_final_eps=epsilon

@@ -1,8 +1,8 @@
-"""Others' replays of Atari steps and ours behind one interface, for `benchmarks.peers`.
+"""Replays of other libraries and ours behind one interface, for `benchmarks.peers`.
 
-All are full of noise when they are made. Others take single steps with whole states, as their users
-hand them in; ours takes chunks. Each is measured in a process of its own: what a batch costs
-depends on what the process has allocated before, up to tenfold.
+All are created full of noise. The others take single steps with whole states, as their users insert
+them; ours takes chunks. Each is measured in a process of its own, because the cost of a batch
+depends, up to tenfold, on what the process has allocated before.
 """
 
 import itertools
@@ -26,10 +26,10 @@ _ALPHA, _BETA = 0.6, 0.4
 
 
 class Wanted(NamedTuple):
-    """What is asked of a replay."""
+    """The properties that a replay should have."""
 
     size: int
-    """Steps."""
+    """Capacity in steps."""
     folder: Path
     prioritised: bool
 
@@ -38,15 +38,15 @@ class Filled(NamedTuple):
     """A full replay."""
 
     insert: Callable[[], object]
-    """Puts something in, in the place of something old."""
+    """Inserts steps in the place of old ones."""
     draw: Callable[[], object]
-    """Draws a batch, and gives it new priorities if it has any."""
+    """Draws a batch, and gives it new priorities if the replay has priorities."""
     steps: int = 1
-    """Steps that an insert brings."""
+    """Steps per insert."""
 
 
 def ours(wanted: Wanted) -> Filled:
-    """`ReplayBuffer`, in files."""
+    """Returns this project's `ReplayBuffer`, in files."""
     config = unlimited(wanted.size)
     buffer = ReplayBuffer(prioritised(config) if wanted.prioritised else config, wanted.folder)
     chunks = noise_chunks("bench", ("actor-1",), config)
@@ -60,17 +60,17 @@ def ours(wanted: Wanted) -> Filled:
 
 
 def _states(*shape: int) -> Iterator[tuple[NDArray[np.uint8], NDArray[np.uint8]]]:
-    """Yields a state of noise and the next one, without end."""
+    """Yields endless pairs of a state of noise and the next one."""
     pool = np.random.default_rng(1).integers(256, size=(_POOL, *shape), dtype=np.uint8)
     return itertools.pairwise(itertools.cycle(pool))
 
 
 def cpprb(wanted: Wanted, **shared: Any) -> Filled:
-    """cpprb's.
+    """Returns cpprb's replay.
 
     Args:
-        shared: what is stored once. Without it a step takes 56 KB, with the frames of each stack
-            once 14 KB, and with those of a state and the next once 7 KB.
+        shared: what is stored only once. Without it a step takes 56 KB; with each stack's frames
+            stored once, 14 KB; with the frames of a state and the next stored once, 7 KB.
     """
     import cpprb
 
@@ -102,7 +102,7 @@ def cpprb(wanted: Wanted, **shared: Any) -> Filled:
 
 
 def stable_baselines3(wanted: Wanted) -> Filled:
-    """stable-baselines3's, as its DQN makes it; it has no priorities."""
+    """Returns stable-baselines3's replay, as its DQN makes it; it has no priorities."""
     from gymnasium.spaces import Box, Discrete
     from stable_baselines3.common.buffers import ReplayBuffer
 
@@ -125,9 +125,9 @@ class Peer(NamedTuple):
 
     make: Callable[[Wanted], Filled]
     package: str | None
-    """That it comes from, if it is not this one."""
+    """Package that it comes from; None for this project."""
     rated: bool = True
-    """Whether its prioritised draws are compared too."""
+    """Whether its prioritised draws are also compared."""
 
 
 _STACKS = partial(cpprb, stack_compress=["obs", "next_obs"])
@@ -142,10 +142,10 @@ REPLAYS = {
 
 
 class Replay:
-    """One of `REPLAYS` at work; rates are per second."""
+    """One of `REPLAYS`, which can be measured; rates are per second."""
 
     def __init__(self, who: str, size: int, folder: str, prioritised: bool) -> None:
-        torch.set_num_threads(1)  # two wait for each other on a busy machine
+        torch.set_num_threads(1)  # two threads wait for each other on a busy machine
         self._filled = REPLAYS[who].make(Wanted(size, Path(folder), prioritised))
 
     def insert(self, seconds: float) -> float:

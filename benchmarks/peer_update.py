@@ -1,4 +1,4 @@
-"""One Double DQN update as plain PyTorch, and as the learner does it, for `benchmarks.peers`."""
+"""One Double DQN update in plain PyTorch, and as the learner does it, for `benchmarks.peers`."""
 
 import copy
 from collections.abc import Callable
@@ -20,7 +20,7 @@ _SIZE = 32
 
 
 def noise_batch(size: int, device: torch.device) -> DeviceBatch:
-    """A minibatch of noise: what is in the frames takes no time."""
+    """Returns a minibatch of noise; the content of frames does not affect the time."""
     rng = np.random.default_rng(1)
     states = rng.integers(256, size=(2, size, 4, 84, 84), dtype=np.uint8)
     return to_device(
@@ -40,7 +40,7 @@ def noise_batch(size: int, device: torch.device) -> DeviceBatch:
 
 
 def ours() -> Callable[[], float]:
-    """The learner's, on the device and in the precision that it chooses by itself."""
+    """Returns the learner's update, on the device and in the precision that it chooses itself."""
     config = PRESETS["fast"]
     device = choose_device("auto", "auto")
     algorithm = build_algorithm(config, build_network(config, _ACTIONS), device)
@@ -53,7 +53,7 @@ def ours() -> Callable[[], float]:
 
 
 def eager() -> Callable[[], float]:
-    """As textbooks write it, with the same network, loss and optimizer, on the same device."""
+    """Returns a textbook update with the same network, loss and optimizer, on the same device."""
     learning = PRESETS["fast"].learning
     device = choose_device("auto", "float32").torch
     online = nn.Sequential(

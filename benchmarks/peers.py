@@ -1,10 +1,10 @@
-"""`python -m benchmarks.peers`: the same work by what one would pick instead, turn by turn.
+"""`python -m benchmarks.peers`: the same work by other libraries and by this one, turn by turn.
 
 * training of ALE-Only Pong: stable-baselines3's DQN against local mode
 * the replay: cpprb's and stable-baselines3's against `replay.replay_buffer.ReplayBuffer`
 * one Double DQN update: plain PyTorch in float32 against the algorithm `dqn`
 
-What is not installed is passed over with a sentence: ``pip install 'ale-robot[bench]'``.
+A library that is not installed is skipped with a note: ``pip install 'ale-robot[bench]'``.
 """
 
 import importlib.util
@@ -35,27 +35,30 @@ _PEERS: tuple[tuple[Subject, str, str], ...] = (
     ("replay", "stable_baselines3", "stable-baselines3"),
     ("replay", "cpprb", "cpprb"),
 )
-"""What is compared with a package, and the name by which it is installed."""
+"""Subjects that are compared with a package, and the name by which it is installed."""
 _SHORT_TURNS = 7
 _SHORT_TURN = 0.5
 
 
 @dataclass(frozen=True)
 class Options(BenchmarkOptions):
-    """Do the same work with others' code and with ours, in the same run."""
+    """Do the same work with other libraries and with this one, in the same run."""
 
     only: Annotated[tuple[Subject, ...], MinLen(1)] = get_args(Subject)
-    """What to compare."""
+    """Subjects to compare."""
     seconds: Seconds = 15.0
-    """Seconds of each turn of training."""
+    """Length of each turn of training, in seconds."""
     turns: FromOne = 2
     """Number of turns of training."""
     replay_steps: Annotated[int, Ge(1_000)] = 20_000
-    """Steps in each of the replays, of 56 KB in others' plain ones."""
+    """Steps in each replay; in the others' plain replays a step takes 56 KB."""
 
 
 def against_ours(work: str, rates: Mapping[str, list[float]]) -> list[dict[str, Any]]:
-    """Returns each of ``rates``, turn by turn, but ``ours`` beside ours: how often per second."""
+    """Returns a row for each of ``rates`` but ``ours``, compared with ours turn by turn.
+
+    Rates are per second.
+    """
     median = {name: Spread.of(found).median for name, found in rates.items()}
     return [
         {
@@ -73,31 +76,31 @@ def against_ours(work: str, rates: Mapping[str, list[float]]) -> list[dict[str, 
 def in_short_turns(
     work: str, contenders: Mapping[str, Callable[[float], float]]
 ) -> list[dict[str, Any]]:
-    """Returns ``ours`` among ``contenders`` beside the others.
+    """Measures ``contenders`` in short turns; returns the rows that compare them with ``ours``.
 
     Args:
-        contenders: each works for so many seconds, and returns how often per second.
+        contenders: functions that work for the given seconds and return a rate per second.
     """
     turns = {name: partial(rate, _SHORT_TURN) for name, rate in contenders.items()}
     return against_ours(work, in_turns(turns, _SHORT_TURNS))
 
 
 def is_installed(package: str | None) -> bool:
-    """Whether a package is there; None stands for this one."""
+    """Whether a package is installed; None stands for this project."""
     return package is None or importlib.util.find_spec(package) is not None
 
 
 def compare_training(options: Options) -> list[dict[str, Any]]:
-    """Agent steps per second of training; each turn of ours is a run of its own.
+    """Compares the agent steps per second of training; each of our turns is a run of its own.
 
-    The peer plays and learns in one process, with one thread and with all: on a busy machine two
-    threads are slower than one.
+    The peer plays and learns in one process. It is measured with one thread and with all, because
+    on a busy machine two threads are slower than one.
     """
     cores = torch.get_num_threads()
     train = peer_dqn()
     contenders: dict[str, Callable[[], float]] = {}
     for threads in sorted({1, cores}):
-        train(options.seconds / 3, threads)  # so that it is warm
+        train(options.seconds / 3, threads)  # warms up
         name = f"stable-baselines3 DQN, {threads} thread{'s' if threads > 1 else ''}"
         contenders[name] = partial(train, options.seconds, threads)
     contenders["ours"] = partial(our_training, options.seconds)
@@ -114,7 +117,7 @@ def our_training(seconds: float) -> float:
 
 
 def compare_replays(options: Options) -> list[dict[str, Any]]:
-    """Inserts, uniform draws, prioritised draws with new priorities."""
+    """Compares inserts, uniform draws, and prioritised draws with new priorities."""
     found: list[dict[str, Any]] = []
     works: tuple[tuple[str, Literal["insert", "draw"], bool], ...] = (
         ("insert steps", "insert", False),
@@ -141,7 +144,7 @@ def compare_replays(options: Options) -> list[dict[str, Any]]:
 
 
 def compare_updates() -> list[dict[str, Any]]:
-    """Updates of batches of 32, on one thread and on all."""
+    """Compares updates with batches of 32, on one thread and on all."""
     found = []
     cores = torch.get_num_threads()
     for threads in sorted({1, cores}):

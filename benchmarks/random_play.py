@@ -1,4 +1,4 @@
-"""A replay of real frames: what a random policy lives through in the bare emulator."""
+"""A replay of real frames: random play in the emulator alone."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -12,7 +12,7 @@ from replay.replay_buffer import ReplayBuffer
 
 
 def random_play(config: RunConfig, steps: int, folder: Path) -> ReplayBuffer:
-    """The run's replay after ``steps`` random agent steps, with a limiter that never says wait."""
+    """Returns the run's replay after ``steps`` random agent steps; its limiter never waits."""
     config = replace(
         config,
         replay=replace(config.replay, capacity=2 * steps, learning_starts=1, ratio_tolerance=10**9),

@@ -1,4 +1,4 @@
-"""The benchmarks of speed, what each measures, and with which flags the published tables are made.
+"""The benchmarks of speed: what each measures, and the flags that make the published tables.
 
 To add one, write its module (see `benchmarks.report`) and name it here.
 """
@@ -16,7 +16,7 @@ class Benchmark:
 
     measures: str
     published: Mapping[str, str]
-    """Flags, as in a shell, by the result for which they are given: RESULT.json."""
+    """Flags, as in a shell, by the name of the result that they make: RESULT.json."""
 
 
 BENCHMARKS = {
@@ -60,4 +60,4 @@ BENCHMARKS = {
         {"peers": ""},
     ),
 }
-"""By name, in the order in which `make bench` runs them."""
+"""All benchmarks by name, in the order in which `make bench` runs them."""

@@ -1,9 +1,14 @@
 """`python -m benchmarks.replay`: the replay in one process, at several sizes.
 
-For each size: an empty ring is filled with chunks of noise; into the full one chunks are inserted,
-each evicting another; batches are drawn from it uniformly; then it is opened again as a prioritised
-one, as a resumed run would, and batches are drawn and given new priorities. Nothing else happens
-meanwhile: a real replay also decodes what comes, see `benchmarks.transport`.
+For each size there are four measurements:
+
+1. An empty ring is filled with chunks of noise.
+2. Chunks are inserted into the full ring, each evicting another.
+3. Batches are drawn from it uniformly.
+4. It is opened again as a prioritised one, as by a resumed run; batches are drawn and given new
+   priorities.
+
+Nothing else happens meanwhile. A real replay also decodes messages, see `benchmarks.transport`.
 """
 
 import time
@@ -33,18 +38,18 @@ _NO_BOUND = 10**9
 
 @dataclass(frozen=True)
 class Options(BenchmarkOptions):
-    """Time inserts and draws of the replay, and weigh it."""
+    """Time inserts and draws of the replay, and measure its memory."""
 
     sizes: Numbers = (10_000, 100_000, 1_000_000)
-    """Capacities; the replay is full when it is measured."""
+    """Capacities of the replay, in steps; it is full when it is measured."""
     seconds: Seconds = 5.0
-    """Seconds of each figure."""
+    """Length of each measurement, in seconds."""
     chunk_steps: FromOne = 64
-    """Steps of a chunk."""
+    """Agent steps per chunk."""
     actors: FromOne = 8
-    """Actors whose chunks take turns."""
+    """Number of actors whose chunks take turns."""
     folder: Path | None = None
-    """Folder for the files, 7.1 KB a step; a temporary one by default."""
+    """Folder for the files, 7.1 KB per step; a temporary one by default."""
 
     def check(self) -> None:
         super().check()
@@ -56,7 +61,7 @@ class Options(BenchmarkOptions):
 
 
 def unlimited(capacity: int) -> RunConfig:
-    """The report's settings, with a limiter that never says wait."""
+    """Returns the 2017 settings, with a limiter that never waits."""
     config = PRESETS["paper"]
     return replace(
         config, replay=ReplayConfig(capacity=capacity, learning_starts=1, ratio_tolerance=_NO_BOUND)
@@ -64,12 +69,12 @@ def unlimited(capacity: int) -> RunConfig:
 
 
 def prioritised(config: RunConfig) -> RunConfig:
-    """The same with proportional priorities."""
+    """Returns ``config`` with proportional priorities."""
     return replace(config, replay=replace(config.replay, sampler="prioritised"))
 
 
 def fill(buffer: ReplayBuffer, chunks: Iterator[Chunk], capacity: int) -> int:
-    """Insert until the ring has turned once; the steps that it took."""
+    """Insert until the ring is full once; returns the number of steps that it took."""
     steps = 0
     while steps < capacity:
         chunk = next(chunks)

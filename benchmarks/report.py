@@ -1,4 +1,4 @@
-"""What every benchmark and experiment shares: its command line, its table and its JSON.
+"""The parts that every benchmark and experiment shares: its command line, its table and its JSON.
 
 A benchmark is a module with ``Options`` (a `BenchmarkOptions` of its flags), ``measure(options) ->
 Report``, and ``main(NAME, Options, measure)`` at its end. `benchmarks.registry` lists it.
@@ -40,10 +40,10 @@ class BenchmarkOptions:
     """File for the results, as JSON."""
 
     def check(self) -> None:
-        """Refuses what the bounds beside the fields do not, such as a folder that is not there.
+        """Refuses what the bounds beside the fields cannot, such as a missing folder.
 
         Raises:
-            InputError: naming the flag.
+            InputError: a value is refused; the message names the flag.
         """
         if self.json is not None:
             check_new_file(self.json)
@@ -58,18 +58,18 @@ class Table(NamedTuple):
 
 @dataclass(frozen=True)
 class Report:
-    """What a benchmark found, for people and for machines."""
+    """The results of a benchmark, for people and for machines."""
 
     tables: Sequence[Table]
-    """For people."""
+    """Tables for people."""
     content: Row
-    """For machines; versions, commit and machine are added to it."""
+    """Content of the JSON file; versions, commit and machine are added to it."""
     notes: Sequence[str] = field(default=())
     """Sentences below the tables."""
 
     @classmethod
     def of(cls, title: str, rows: Sequence[Row], summary: Row, *notes: str) -> "Report":
-        """Returns a report of one table, whose rows are for machines too, before ``summary``."""
+        """Returns a report of one table, whose JSON has its rows and then ``summary``."""
         return cls([Table(title, rows)], {"title": title, **summary, "rows": rows}, notes)
 
     def publish(self, file: Path | None) -> None:
@@ -85,8 +85,8 @@ O = TypeVar("O", bound=BenchmarkOptions)  # noqa: E741
 
 
 def main(name: str, options: type[O], measure: Callable[[O], Report]) -> None:
-    """Runs a benchmark as ``python -m benchmarks.NAME``; ends the process unless all went well."""
-    # So that it unwinds, and nothing that it started is left behind.
+    """Runs a benchmark as ``python -m benchmarks.NAME``; on failure it ends the process."""
+    # SIGTERM then unwinds the stack, so that no process that was started is left behind.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     exit_on_input_error(lambda: run(name, options, measure, sys.argv[1:]))
 
@@ -94,10 +94,10 @@ def main(name: str, options: type[O], measure: Callable[[O], Report]) -> None:
 def run(
     name: str, options: type[O], measure: Callable[[O], Report], arguments: Sequence[str]
 ) -> None:
-    """Measures as ``arguments`` say, and publishes what came of it.
+    """Measures as ``arguments`` say, and publishes the report.
 
     Raises:
-        InputError: the arguments are refused, or something that was measured failed.
+        InputError: the arguments are refused, or a measured process failed.
     """
     given = parse(options, f"benchmarks.{name}", arguments)
     given.check()
@@ -105,7 +105,7 @@ def run(
 
 
 def show(title: str, rows: Sequence[Row]) -> None:
-    """Prints ``rows`` over the machine they were measured on."""
+    """Prints ``rows`` as a table, with the machine below it."""
     wide = len(rows[0]) > _MOST_PADDED
     table = RichTable(title=title, padding=(0, 0) if wide else (0, 1))
     table.caption = machine_line(provenance()["machine"])
@@ -120,7 +120,7 @@ def show(title: str, rows: Sequence[Row]) -> None:
 def write(file: Path | None, content: Row) -> None:
     """Writes ``content`` as JSON, with versions, commit and machine, unless ``file`` is None.
 
-    What was there stays until all is written: it may be the work of days.
+    The old file stays until the new one is complete, because it may be the work of days.
     """
     if file is None:
         return
@@ -129,14 +129,14 @@ def write(file: Path | None, content: Row) -> None:
 
 
 def resumed(file: Path | None, about: Row, what: str) -> dict[str, Any]:
-    """Returns what an interrupted experiment left in ``file``; ``about`` where there is none yet.
+    """Returns what an interrupted experiment left in ``file``; ``about`` if there is no file yet.
 
     Args:
-        about: what the experiment is, of JSON's types; part of its results.
-        what: names it, for a person.
+        about: description of the experiment, in JSON's types; it is part of the results.
+        what: name of the experiment for people.
 
     Raises:
-        InputError: the results are of another experiment.
+        InputError: the file has the results of another experiment.
     """
     if file is None or not file.exists():
         return dict(about)
@@ -157,10 +157,10 @@ def measure_missing(
     asked: Sequence[Row],
     measure: Callable[..., Row],
 ) -> list[dict[str, Any]]:
-    """Returns the list ``found[parts]``, with a part for each of ``asked``, the new ones last.
+    """Returns the list ``found[parts]`` with a part for each of ``asked``, new parts last.
 
-    A part that is missing is what was asked and what ``measure(**asked)`` adds; ``found`` is
-    written to ``file`` after each, so that the same command goes on after an interruption.
+    A missing part is made of what was asked and of the result of ``measure(**asked)``. After each
+    part ``found`` is written to ``file``, so that the same command continues after an interruption.
     """
     done: list[dict[str, Any]] = found.setdefault(parts, [])
     missing: list[Row] = []
@@ -174,7 +174,7 @@ def measure_missing(
 
 
 def counted(work: Sequence[T], words: Callable[[T], str]) -> Iterator[T]:
-    """Yields the parts of ``work``; prints before each its ``words`` and how much is left."""
+    """Yields the parts of ``work``; before each, prints its ``words`` and the time that is left."""
     began = time.monotonic()
     for done, part in enumerate(work):
         minutes = (time.monotonic() - began) / max(done, 1) * (len(work) - done) / 60
@@ -185,14 +185,16 @@ def counted(work: Sequence[T], words: Callable[[T], str]) -> Iterator[T]:
 
 @contextmanager
 def reading(file: Path, what: str, benchmark: str) -> Iterator[Any]:
-    """The content of a JSON file that `write` wrote, for those who take from it what they need.
+    """Yields the content of a JSON file that `write` wrote.
+
+    An error while the caller reads from it also means that the file holds something else.
 
     Args:
-        what: is in it, for a person.
-        benchmark: makes such a file, and how if not by --json alone.
+        what: what the file should hold, for people.
+        benchmark: name, and flags besides --json, of the benchmark that makes such a file.
 
     Raises:
-        InputError: it cannot be read, or holds something else.
+        InputError: the file cannot be read, or holds something else.
     """
     try:
         yield json.loads(file.read_bytes())
@@ -204,7 +206,7 @@ def reading(file: Path, what: str, benchmark: str) -> Iterator[Any]:
 
 
 def cell(value: object) -> str:
-    """Returns a value as it stands in a table."""
+    """Returns a value as text for a table."""
     if value is None:
         return "–"
     if not isinstance(value, float):

@@ -1,6 +1,6 @@
-"""`python -m benchmarks.scaling`: what more actors on this machine bring.
+"""`python -m benchmarks.scaling`: how speed grows with the number of actors on this machine.
 
-Each number of actors is measured as by `benchmarks.epochs_per_day`; `python -m
+Each number of actors is measured as in `benchmarks.epochs_per_day`. `python -m
 benchmarks.figures.plot --figure scaling` draws the results.
 """
 
@@ -19,9 +19,9 @@ class Options(Setting):
     """Measure local mode with several numbers of actors."""
 
     numbers: Numbers = (1, 2, 4, 8)
-    """Numbers of actors; --actors is not for here."""
+    """Numbers of actors; each is measured, and --actors is ignored."""
     seconds: Seconds = 10.0
-    """Seconds of each of the three windows for each number."""
+    """Length of each of the three windows for each number, in seconds."""
 
 
 def row(found: Mapping[str, Any]) -> dict[str, Any]:

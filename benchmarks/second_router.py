@@ -5,7 +5,7 @@ from common.transport.zenoh_transport import open_router
 
 
 class SecondRouter:
-    """Passes on what those who join at ``listen`` and the hub at ``connect_to`` say to each other.
+    """Routes messages between clients at ``listen`` and the hub at ``connect_to``.
 
     It is ready when it answers.
     """
@@ -18,7 +18,7 @@ class SecondRouter:
 
 
 def second_router(listen: str, connect_to: str) -> Helper:
-    """Starts one, and returns it when it is ready; a context manager that ends it."""
+    """Starts a router and returns it when it is ready; a context manager that ends it."""
     router = Helper(
         "the second router", "benchmarks.second_router", listen=listen, connect_to=connect_to
     )

@@ -1,4 +1,4 @@
-"""`noise_chunks`: endless chunks, as several actors would send them, made ahead of time."""
+"""`noise_chunks`: endless chunks as from several actors, made ahead of time."""
 
 import itertools
 from collections.abc import Iterator
@@ -15,14 +15,14 @@ _POOL = 16
 
 
 def noise_chunks(run: str, actors: tuple[str, ...], config: RunConfig) -> Iterator[Chunk]:
-    """Returns chunks in the order in which ``actors`` that play equally fast would hand them in.
+    """Returns chunks in the order in which ``actors`` that play equally fast would send them.
 
-    Their frames come from a small pool, for what is measured copies pixels without looking at them.
-    A step field that matters to nothing measured is 0.
+    Their frames come from a small pool, because the measured code copies pixels without looking at
+    them. A step field that affects no measurement is 0.
 
     Args:
-        run: its id.
-        config: says how long the chunks are, and with how much context.
+        run: the run's id.
+        config: gives the length of the chunks, and how much context they have.
     """
     steps, older = config.stream.chunk_steps, config.play.frame_stack - 1
     rng = np.random.default_rng(1)

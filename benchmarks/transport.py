@@ -1,7 +1,7 @@
-"""`python -m benchmarks.transport`: chunks in and batches out over Zenoh, alone and at once.
+"""`python -m benchmarks.transport`: chunks in and batches out over Zenoh, separately and together.
 
-A real replay process, real outboxes and the learner's real client, each in a process of its own,
-meet on loopback. Encoding, decoding, checking, storing and journaling are all in it.
+A real replay process, real insert clients and the learner's real replay client, each in a process
+of its own, meet on loopback. Encoding, decoding, checking, storing and journaling are all included.
 """
 
 from collections.abc import Sequence
@@ -18,28 +18,28 @@ from common.run.config import LearningConfig, StreamConfig
 
 @dataclass(frozen=True)
 class Options(BenchmarkOptions):
-    """Time the way between actors, replay and a learner elsewhere."""
+    """Time the messages between actors, replay and a learner in another process."""
 
     seconds: Seconds = 5.0
-    """Seconds of each figure."""
+    """Length of each measurement, in seconds."""
     senders: FromOne = 1
-    """Actor processes that send."""
+    """Number of actor processes that send."""
     window: FromOne = StreamConfig().window
-    """Chunks that each of them may have unacknowledged."""
+    """Maximum number of unacknowledged chunks of each sender."""
     chunk_steps: FromOne = StreamConfig().chunk_steps
-    """Steps of a chunk."""
+    """Agent steps per chunk."""
     capacity: int = 50_000
-    """Steps in the replay."""
+    """Capacity of the replay, in steps."""
     batch_size: FromOne = LearningConfig().batch_size
-    """Transitions of a batch."""
+    """Transitions per batch."""
     paced: FromOne = 20_000
-    """Steps a second that the senders together hand in where they do not hand in what they can."""
+    """Steps per second of all senders together, in measurements at a fixed pace."""
     sampler: Literal["uniform", "prioritised"] = "prioritised"
-    """How batches are drawn; prioritised ones are also given new priorities, by an RPC more."""
+    """Sampler of the batches; prioritised batches also get new priorities, by one more RPC."""
 
 
 class Exchange(HostedRun):
-    """The replay process, and those that talk to it; a context manager that ends them."""
+    """The replay process and its clients; a context manager that ends them."""
 
     def __init__(self, options: Options) -> None:
         super().__init__(
@@ -56,13 +56,13 @@ class Exchange(HostedRun):
     def measure(
         self, roles: Sequence[str], window: int | None = None, pace: float | None = None
     ) -> list[dict[str, Any]]:
-        """Returns what processes of these roles count while all work at once; in the same order.
+        """Lets clients of these roles work at the same time; returns their counts in this order.
 
         Args:
-            pace: steps a second of each sender; None for as many as it can.
+            pace: steps per second of each sender; None for as many as possible.
 
         Raises:
-            InputError: one of them failed, and has said why.
+            InputError: a process failed and printed why.
         """
         with ExitStack() as stack:
             clients = [
@@ -77,7 +77,7 @@ class Exchange(HostedRun):
             return [client.hear() for client in clients]
 
     def _client(self, role: str, window: int) -> Helper:
-        self._clients += 1  # a name of its own, for sequence numbers begin anew
+        self._clients += 1  # gives each client a name of its own: sequence numbers start at 0
         return Helper(
             f"the measurement ({role})",
             "benchmarks.transport_client",
@@ -89,7 +89,7 @@ class Exchange(HostedRun):
 
 
 def together(found: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """Several processes' figures as one: rates summed, of latencies the worst, counts summed."""
+    """Returns the figures of several processes as one: rates and counts summed, worst latencies."""
     worst = {name: max(each[name] for each in found) for name in ("seconds", "p50_ms", "p99_ms")}
     return {name: sum(each[name] for each in found) for name in found[0]} | worst
 

@@ -1,6 +1,6 @@
-"""The sides of `benchmarks.transport`, each a process of its own.
+"""The clients of `benchmarks.transport`, each a process of its own.
 
-A sender hands in chunks through the actors' own insert client; a drawer draws batches through the
+A sender sends chunks through the actors' own insert client. A drawer draws batches through the
 learner's own client, and gives them new priorities if they are prioritised.
 """
 
@@ -27,7 +27,7 @@ from replay.client import RemoteReplay
 _PATIENCE = 60.0
 _FLUSH = 10.0
 _WARM_UP = 0.3
-"""Seconds before the counting."""
+"""Seconds before counting begins."""
 
 
 def time_requests(transport: Transport) -> list[float]:
@@ -61,7 +61,7 @@ class Client:
     """A process that joined a run.
 
     Args:
-        window: chunks that it may have unacknowledged.
+        window: maximum number of unacknowledged chunks.
     """
 
     def __init__(self, connect_to: str, run: str, name: str, window: int) -> None:
@@ -72,13 +72,13 @@ class Client:
         self._name = name
 
     def wait(self) -> None:
-        """Returns when it has joined."""
+        """Does nothing: its return tells that the process has joined."""
 
     def send(self, seconds: float, pace: float | None) -> dict[str, Any]:
-        """Encode and send chunks, as fast as the window lets it; returns what was counted.
+        """Encode and send chunks as fast as the window allows; returns the counts.
 
         Args:
-            pace: steps a second at most.
+            pace: maximum steps per second; None for no limit.
         """
         latencies = time_requests(self._transport)
         outbox = InsertClient(
@@ -106,7 +106,10 @@ class Client:
         return found | {name: getattr(outbox, name) for name in counted}
 
     def draw(self, seconds: float) -> dict[str, Any]:
-        """Draw batches one after the other; megabytes are those learned from, made whole."""
+        """Draw batches one after the other; returns the counts.
+
+        Megabytes are those of complete batches, as the learner uses them.
+        """
         config = self._config
         replay = RemoteReplay(self._transport, self._keys, config)
         rng = np.random.default_rng(1)
@@ -128,12 +131,12 @@ class Client:
 def _figures(
     action: Callable[[], int], steps: int, latencies: list[float], seconds: float
 ) -> dict[str, Any]:
-    """Repeats ``action`` for so many seconds, and returns what was counted.
+    """Repeats ``action`` for ``seconds``, and returns the counts.
 
     Args:
-        action: moves so many transitions, and returns their bytes.
-        steps: transitions of each call.
-        latencies: seconds of each call, which it adds to.
+        action: moves ``steps`` transitions, and returns their bytes.
+        steps: transitions per call.
+        latencies: list to which each call adds its seconds.
     """
     size = 0
 

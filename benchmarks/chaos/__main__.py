@@ -1,10 +1,11 @@
 """`python -m benchmarks.chaos`: breaks a run at random for a while, and audits what is left of it.
 
-A replay, a learner, some actors and an evaluator train on one machine, each a process behind a link
-of its own, with certificates, on a disk of the run's own. One fault after the other strikes
-(`storm`). After each, the time is measured until every actor's next chunk is stored, new weights
-come and a test is over. At the end everything is asked to leave, the replay's files are compared
-with what the actors recorded, and the learner's table with the tests asked for (`audit`).
+A replay, a learner, some actors and an evaluator train on one machine. Each is a process with a
+certificate, behind a link of its own, and the run has a disk of its own. One fault after the other
+strikes (`storm`). After each fault, the recovery time is measured: until every actor's next chunk
+is stored, new weights come and a test is over. At the end all processes are asked to leave. The
+replay's files are compared with what the actors recorded, and the learner's table with the tests
+that were asked for (`audit`).
 """
 
 import math
@@ -29,17 +30,17 @@ from common.checked import Count, FromOne
 from common.errors import InputError
 
 _ROOM = 0.9
-"""Share of the capacity that may be filled: the audit needs all that was ever stored."""
+"""Share of the capacity that may be filled: the audit needs everything that was ever stored."""
 FLAGS = (
     *("--env", "ale", "--preset", "fast", "--learning.network", "nips"),
-    # An update for each step: few steps, so that long runs can be audited, in small chunks.
+    # One update for each step in small chunks: few steps come, so that long runs can be audited.
     *("--learning.batch-size", "32", "--learning.train-period", "1"),
     *("--stream.chunk-steps", "8"),
     *("--replay.learning-starts", "300", "--replay.ratio-tolerance", "2048"),
     *("--learning.publish-period", "10", "--learning.checkpoint-period", "100"),
     *("--protocol.held-out-states", "64"),
-    # After each fault a test is waited for, so it is short: a whole game of Pong has a thousand
-    # steps. It is of two games or more, between whose reports an evaluator may be struck.
+    # Tests are short, because each fault waits for one, and a whole game of Pong has a thousand
+    # steps. A test has two games or more, so that a fault may strike between two reports.
     *("--protocol.epoch-steps", "48", "--protocol.test-steps", "60"),
     *("--play.max-game-frames", "200"),
 )
@@ -50,28 +51,28 @@ class Options(BenchmarkOptions):
     """Break a run at random, and count what it lost."""
 
     minutes: Annotated[float, Gt(0)] = 1.0
-    """Minutes of faults."""
+    """Duration of the faults, in minutes."""
     faults: Count = 0
-    """Number of faults after which it ends sooner; 0 for as many as there is time for."""
+    """Maximum number of faults; 0 for as many as there is time for."""
     seed: Count = 1
-    """Seed of what is broken, when and for how long."""
+    """Seed of the faults: what breaks, when and for how long."""
     actors: FromOne = 2
     """Number of actors."""
     capacity: FromOne = 100_000
-    """Steps that the replay can store; when they are nearly full it ends sooner."""
+    """Capacity of the replay, in steps; the faults end when it is nearly full."""
     longest: Seconds = 12.0
-    """Most seconds that a fault lasts."""
+    """Maximum duration of a fault, in seconds."""
     plain: bool = False
-    """No certificates, so that wrong bits are not noticed by TLS; none can expire then."""
+    """Run without certificates, so that TLS does not notice wrong bits; then none can expire."""
     folder: Path | None = None
-    """Folder that keeps run, logs and records; by default a temporary one."""
+    """Folder that keeps the run, logs and records; by default a temporary one."""
 
 
 def measure(options: Options) -> Report:
     if options.folder is not None:
         options.folder.mkdir(parents=True, exist_ok=True)
         if any(options.folder.iterdir()):
-            raise InputError(f"{options.folder} holds something already: name another --folder.")
+            raise InputError(f"{options.folder} is not empty: name another --folder.")
         return _measure(options, options.folder.resolve())
     with scratch() as folder:
         return _measure(options, folder)
@@ -114,7 +115,7 @@ def _measure(options: Options, folder: Path) -> Report:
 
 
 def _counted(log: Path) -> tuple[int, int]:
-    """Returns the steps and chunks that the replay says it has, at its end."""
+    """Returns the steps and chunks that the replay reported at its end."""
     last = log.read_text().strip().splitlines()[-1]
     numbers = re.match(r"([\d,]+) steps, .* chunks: ([\d,]+) accepted", last)
     if numbers is None:

@@ -1,9 +1,8 @@
-"""The independent audit: what actors were told is stored, beside what the replay's files hold; and
-the tests in the learner's table.
+"""The independent audit compares acknowledged chunks with the replay's files, and checks the tests.
 
-It uses nothing of the replay's own reading. Of the journal it takes one number, how many steps were
-stored; it walks through so many rows of the columns and recognises each chunk by the digest that
-its actor recorded before sending it (`witness`).
+It uses none of the replay's code for reading. It takes one number from the journal: how many steps
+were stored. It walks through so many rows of the columns and recognises each chunk by the digest
+that its actor recorded before sending it (`witness`). The tests are those in the learner's table.
 """
 
 import csv
@@ -25,24 +24,24 @@ MOST_CONTEXT = 3
 """Rows that the replay may store before a chunk whose predecessor is missing: older frames of its
 first state."""
 _Chunk = tuple[str, int, int]
-"""Its digest, and its rows: one for each step, and one for each frame at which a game was cut."""
+"""Digest of a chunk, and its rows: one for each step, and one for each frame that cut a game."""
 
 
 @dataclass(frozen=True)
 class Audit:
-    """Numbers of chunks, but for the last two, of steps."""
+    """Numbers of chunks; the last two are numbers of steps and rows."""
 
     made: int
     acknowledged: int
     stored: int
     lost: int
-    """Acknowledged, and not in the files as they were sent: gone, or altered."""
+    """Chunks that were acknowledged but are not in the files as sent: they are gone or altered."""
     duplicated: int
-    """Stored more often than made."""
+    """Chunks that are stored more often than they were made."""
     steps: int
-    """Steps of the chunks that are stored."""
+    """Steps of the stored chunks."""
     unknown_rows: int
-    """Rows of no chunk that an actor made, nor the context of one."""
+    """Rows that belong neither to a chunk that an actor made nor to a chunk's context."""
 
     @property
     def clean(self) -> bool:
@@ -50,24 +49,24 @@ class Audit:
 
 
 class RecordedTest(NamedTuple):
-    """A test of an epoch's weights, as the learner has recorded it."""
+    """A test of an epoch's weights, as the learner recorded it."""
 
     epoch: int
     steps: int
     """Agent steps played."""
     ended: float
-    """Seconds of the run."""
+    """Time of its end, in seconds of the run."""
 
 
 @dataclass(frozen=True)
 class AuditOfTests:
-    """Numbers of epochs' tests."""
+    """Numbers of tests of epochs."""
 
     tested: int
     repeated: int
-    """Recorded although that epoch's was recorded before."""
+    """Tests of an epoch that already had a recorded test."""
     short: int
-    """Tests that have fewer steps than asked for."""
+    """Tests with fewer steps than were asked for."""
 
     @property
     def clean(self) -> bool:
@@ -75,10 +74,10 @@ class AuditOfTests:
 
 
 def recorded_tests(epochs: Path) -> list[RecordedTest]:
-    """Returns the tests in a table of epochs; none where there is no table yet."""
+    """Returns the tests in a table of epochs; none if there is no table yet."""
     if not epochs.exists():
         return []
-    lines = epochs.read_text().split("\n")[:-1]  # what follows the last newline is torn
+    lines = epochs.read_text().split("\n")[:-1]  # text after the last newline is half a line
     return [
         RecordedTest(int(row["epoch"]), int(row["steps"]), float(row["total_time"]))
         for row in csv.DictReader(lines)
@@ -87,7 +86,7 @@ def recorded_tests(epochs: Path) -> list[RecordedTest]:
 
 
 def audit_tests(epochs: Path, steps: int) -> AuditOfTests:
-    """Compares a table of epochs with what was asked for: one test of an epoch, of ``steps``."""
+    """Compares a table of epochs with what was asked for: one test of ``steps`` for each epoch."""
     tests = recorded_tests(epochs)
     return AuditOfTests(
         tested=len({test.epoch for test in tests}),
@@ -100,7 +99,7 @@ def audit(replay: Path, records: Iterable[Path]) -> Audit:
     """Compares the ``records`` of all actors with the files in the folder ``replay``.
 
     Raises:
-        InputError: the ring has wrapped, so it cannot have everything.
+        InputError: the ring has wrapped, so it does not hold everything.
     """
     made, acknowledged = _recorded(records)
     shapes = Counter(chunk[1:] for chunk in made).most_common()
@@ -150,7 +149,7 @@ def _recorded(records: Iterable[Path]) -> tuple[Counter[_Chunk], Counter[_Chunk]
     """Returns the chunks made and acknowledged."""
     found: dict[str, Counter[_Chunk]] = {"made": Counter(), "acknowledged": Counter()}
     for record in records:
-        for line in record.read_text().split("\n")[:-1]:  # what follows the last newline is torn
+        for line in record.read_text().split("\n")[:-1]:  # text after the last newline is half
             what, chunk, length, finals = line.split()
             found[what][chunk, int(length), int(finals)] += 1
     return found["made"], found["acknowledged"]

@@ -1,4 +1,4 @@
-"""`Certificates`: by which the processes of a run know each other, until they expire."""
+"""`Certificates`: the certificates of a run's processes, which can be made to expire."""
 
 import os
 import shutil
@@ -11,10 +11,10 @@ from common.transport.credentials import Role
 
 
 class Certificates:
-    """A folder of its own for each process, in ``folder``, under one authority.
+    """Folders of certificates in ``folder``, one for each process, under one authority.
 
     Args:
-        roles: of the processes, by name.
+        roles: roles of the processes by name.
     """
 
     def __init__(self, folder: Path, roles: Mapping[str, Role]) -> None:
@@ -22,7 +22,7 @@ class Certificates:
         self._roles = roles
         self._valid, self._expired = folder / "valid", folder / "expired"
         self.missing = self._make(self._valid)
-        """Why there are none, where that is so."""
+        """Reason why there are no certificates; None if there are."""
         if self.missing is None:
             shutil.copytree(self._valid, self._expired)
             self.missing = self._make(self._expired, DAYS="-1")
@@ -36,15 +36,15 @@ class Certificates:
         return refusal(script, folder, "localhost", env={**os.environ, **environment})
 
     def of(self, name: str) -> Path:
-        """Returns the folder that a process has."""
+        """Returns the folder of a process."""
         return self._folder / name
 
     def expire(self, name: str) -> None:
-        """Let a process' certificate be one that was good until yesterday."""
+        """Replace a process's certificate by one that was valid until yesterday."""
         self._put(self._expired, name)
 
     def renew(self, name: str) -> None:
-        """Let it be one that is good."""
+        """Replace a process's certificate by a valid one."""
         self._put(self._valid, name)
 
     def _put(self, source: Path, name: str) -> None:

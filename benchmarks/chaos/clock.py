@@ -1,8 +1,8 @@
-"""`Clocks`: the time of day as single processes see it, apart from the machine's.
+"""`Clocks`: lets single processes see another time of day than the machine's.
 
-A library that is loaded before the C library adds a number of seconds, which stands in a file, to
-the time of day. So Zenoh and TLS see it too, not Python alone. Monotonic clocks are left alone: no
-kernel lets them jump.
+A library that is loaded before the C library adds a number of seconds from a file to the time of
+day. Zenoh and TLS therefore see the change too, not only Python. Monotonic clocks do not change,
+because no kernel lets them jump.
 
     python -m benchmarks.chaos.clock LIBRARY FILE MODULE ARGUMENTS
 """
@@ -56,13 +56,13 @@ time_t time(time_t *now) {
 
 
 class Clocks:
-    """The clocks of processes, by name, in ``folder``; they go right at first."""
+    """The clocks of processes, by name, in ``folder``; at first they are right."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
         self._library = folder / "clock.so"
         self.missing = self._build()
-        """Why no clock can be moved, where that is so."""
+        """Reason why no clock can be moved; None if clocks can be moved."""
 
     def _build(self) -> str | None:
         library = str(self._library)
@@ -70,13 +70,13 @@ class Clocks:
         return refusal(*command, input=_SOURCE)
 
     def command(self, name: str) -> tuple[str, ...]:
-        """Returns the module, and its arguments, before a process' own that has a clock."""
+        """Returns the module and arguments to put before a process's own, to give it a clock."""
         if not self._file(name).exists():
             self.set(name, 0)
         return ("benchmarks.chaos.clock", str(self._library), str(self._file(name)))
 
     def set(self, name: str, seconds: int) -> None:
-        """Let a clock be so many seconds ahead; behind, if negative."""
+        """Set a clock this many seconds ahead, or behind if negative."""
         with os.fdopen(os.open(self._file(name), os.O_WRONLY | os.O_CREAT), "wb") as file:
             file.write(seconds.to_bytes(8, sys.byteorder, signed=True))  # a C long, in its place
 
@@ -85,7 +85,7 @@ class Clocks:
 
 
 def main(library: str, file: str, module: str, *arguments: str) -> None:
-    """Becomes the process of ``module``."""
+    """Replaces this process by that of ``module``."""
     os.environ |= {"LD_PRELOAD": library, "CHAOS_CLOCK": file}
     os.execv(sys.executable, [sys.executable, "-m", module, *arguments])
 

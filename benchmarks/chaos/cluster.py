@@ -1,4 +1,4 @@
-"""`Cluster`: a run of processes on one machine, each behind a link of its own to the hub."""
+"""`Cluster`: the processes of a run on one machine, each with a link of its own to the hub."""
 
 import os
 import signal
@@ -31,9 +31,9 @@ _AUDITOR = "auditor"
 _START = 120.0
 _POLL = 0.05
 _AWAY = "600"
-"""Seconds for which each process waits for one that is away: longer than any fault lasts."""
+"""Seconds for which each process waits for another that is away: longer than any fault."""
 _SPARE_BYTES = 2**28
-"""Room on the run's disk beside the replay's: checkpoints, snapshots, tables and curves."""
+"""Room on the run's disk beside the replay, for checkpoints, snapshots, tables and curves."""
 _ROW_BYTES = 84 * 84 + 100
 _ROLES: dict[str, Role] = {HUB: "hub", LEARNER: "learner"}
 
@@ -42,15 +42,15 @@ class Cluster:
     """The processes of a run, by name; a context manager that ends them.
 
     Args:
-        folder: where the run, the logs and the actors' records go.
-        flags: of learner and replay.
+        folder: for the run, the logs and the actors' records.
+        flags: flags of learner and replay.
         actors: number of actors.
-        evaluator: whether somebody tests the epochs.
-        capacity: steps that the replay has room for.
+        evaluator: whether an evaluator tests the epochs.
+        capacity: capacity of the replay, in steps.
         goal: agent steps after which the run ends by itself, if it does.
-        plain: whether the processes do without certificates.
-        start: starts each process but the hub, ``start(module, *arguments, log=...)``; none of
-            these has a clock of its own then.
+        plain: whether to run without certificates.
+        start: starts each process but the hub, as ``start(module, *arguments, log=...)``. These
+            processes then have no clocks of their own.
     """
 
     def __init__(
@@ -69,18 +69,18 @@ class Cluster:
         self.endpoint = free_endpoint()
         self.actors = tuple(f"actor-{number}" for number in range(1, actors + 1))
         self.links: dict[str, Link] = {}
-        """The way to the hub of each process but the hub itself."""
+        """Link to the hub of each process but the hub itself."""
         self.processes: dict[str, Child] = {}
         self.starts: dict[str, int] = {}
-        """How often each was started."""
+        """Number of starts of each process."""
         self.ended: list[str] = []
         """Processes that ended by themselves, and how."""
         self.finished = False
-        """Whether the run has reached its goal, and its learner ended."""
+        """Whether the run has reached its goal and its learner has ended."""
         self.published = 0
-        """How often weights came."""
+        """Number of times that weights came."""
         self.steps_back = 0
-        """How often weights came that were older than those before."""
+        """Number of times that weights came that were older than those before."""
         self._evaluators = (EVALUATOR,) if evaluator else ()
         self.clients = (LEARNER, *self.actors, *self._evaluators)
         self.everyone = (HUB, *self.clients)
@@ -139,7 +139,7 @@ class Cluster:
 
     @property
     def records(self) -> list[Path]:
-        """What the actors' witnesses wrote."""
+        """Returns the files that the actors' witnesses wrote."""
         return sorted(self.folder.glob("*.record"))
 
     @property
@@ -147,16 +147,16 @@ class Cluster:
         return RunFolder(self.disk.folder, RUN)
 
     def log(self, name: str) -> Path:
-        """What a process has printed."""
+        """Returns the file with what a process has printed."""
         return self.folder / f"{name}.log"
 
     def address(self, name: str) -> str:
-        """Where a process finds the hub; where the hub itself listens."""
+        """Returns the address at which a process finds the hub; for the hub, where it listens."""
         endpoint = self.endpoint if name == HUB else self.links[name].endpoint
         return endpoint if self.no_certificates else endpoint.replace("tcp/", "tls/")
 
     def certificates_of(self, name: str) -> Path | None:
-        """The folder of a process' certificates; None for a run without."""
+        """Returns the folder of a process's certificates; None for a run without certificates."""
         return None if self.no_certificates else self.certificates.of(name)
 
     def _place(self, name: str) -> tuple[str, ...]:
@@ -167,7 +167,7 @@ class Cluster:
         return ("--connect", self.address(name), "--patience", _AWAY, *shown)
 
     def start(self, name: str) -> None:
-        """Start a process; one that ran before goes on with what it left."""
+        """Start a process; one that ran before continues from what it left."""
         count = self.starts[name] = self.starts.get(name, 0) + 1
         again = () if count == 1 else ("--resume",)
         run = ("--run", RUN, "--runs", str(self.disk.folder), *again, *self._flags)
@@ -194,7 +194,7 @@ class Cluster:
         return ("benchmarks.chaos.witness", file, *place, "--name", name)
 
     def double(self, name: str) -> Child:
-        """Start another actor that goes by the name of one that is there; returns it at play."""
+        """Start another actor under the name of a present one; returns it when it plays."""
         log = self.log(f"{name}-double")
         log.touch()
         said = log.stat().st_size
@@ -206,7 +206,7 @@ class Cluster:
         return double
 
     def old_actor(self, name: str) -> subprocess.Popen[str]:
-        """Start an actor of a former version beside one of this."""
+        """Start an actor of a former version beside one of this version."""
         return self.old_version.start(*self._place(name), "--run", RUN, "--name", f"old-{name}")
 
     def kill(self, name: str) -> None:
@@ -216,23 +216,23 @@ class Cluster:
         self.start(name)
 
     def pause(self, name: str) -> Callable[[], None]:
-        """Stop a process; returns what lets it go on."""
+        """Stop a process; returns a function that lets it go on."""
         process = self.processes[name]
 
         def send(number: signal.Signals) -> None:
-            with suppress(ProcessLookupError):  # it has ended by itself meanwhile
+            with suppress(ProcessLookupError):  # it may have ended by itself meanwhile
                 os.kill(process.pid, number)
 
         send(signal.SIGSTOP)
         return lambda: send(signal.SIGCONT)
 
     def rejoin(self, name: str) -> None:
-        """Ask an actor to leave, and let another come in its place."""
+        """Ask an actor to leave, and start another in its place."""
         self._end(name)
         self.start(name)
 
     def is_refused(self, name: str) -> bool:
-        """Whether the hub, or who knocks there, finds a process' certificate wanting."""
+        """Whether the hub refuses a process's certificate, or a client refuses the hub's."""
         who = _AUDITOR if name == HUB else name
         try:
             connect(
@@ -247,12 +247,12 @@ class Cluster:
     def _end(self, name: str) -> None:
         process = self.processes[name]
         process.end(_START)
-        # One that still imports has no other way to leave than by the signal.
+        # A process that is still importing can only leave by the signal.
         if process.returncode not in (0, -signal.SIGTERM):
             raise process.failure(name)
 
     def look(self) -> None:
-        """Notice, and start again, what ended by itself."""
+        """Notice processes that ended by themselves, and start them again."""
         for name, process in list(self.processes.items()):
             status = process.poll()
             if status is None:
@@ -266,7 +266,7 @@ class Cluster:
     # ------------------------------------------------------------------ the work
 
     def stored(self) -> dict[str, int]:
-        """Chunks that each actor was told are stored."""
+        """Returns the number of acknowledged chunks of each actor."""
         return {
             name: (self.folder / f"{name}.record").read_text().count("acknowledged")
             for name in self.actors
@@ -275,23 +275,24 @@ class Cluster:
 
     @property
     def stored_steps(self) -> int:
-        """Agent steps in the replay, at least: what actors were told is stored."""
+        """Returns the acknowledged agent steps; the replay has at least these."""
         return self.config.stream.chunk_steps * sum(self.stored().values())
 
     def tests(self) -> set[RecordedTest]:
-        """The tests that the learner has recorded; one that is killed may lose its last."""
+        """Returns the tests that the learner has recorded; a killed learner may lose its last."""
         return set(recorded_tests(self.run.epochs))
 
     def recovery(
         self, patience: float, besides: str | None = None, *, struck: str | None = None
     ) -> float | None:
-        """Wait until all work: each actor's next chunk is stored, new weights come, and a test is
-        over; or until the run is finished.
+        """Wait until all processes work again, or the run is finished.
+
+        They do when each actor's next chunk is stored, new weights have come and a test is over.
 
         Args:
-            besides: a process that cannot, and is not waited for.
-            struck: where it is the evaluator, two tests are waited for: one of them it may have
-                played before.
+            besides: a process that cannot work and is not waited for.
+            struck: the process that a fault struck. For the evaluator two tests are waited for,
+                because it may have played one of them before the fault.
 
         Returns:
             seconds until then, or None after ``patience`` seconds.
@@ -314,10 +315,10 @@ class Cluster:
         return None
 
     def conclude(self) -> None:
-        """End all processes: first those that play, who hand in what they have, last the replay.
+        """End all processes: first the actors, which hand in their last chunks, last the replay.
 
         Raises:
-            InputError: one of them did not end well.
+            InputError: a process did not end well.
         """
         self.look()
         for name in (*self.actors, *self._evaluators, LEARNER, HUB):

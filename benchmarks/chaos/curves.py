@@ -1,10 +1,10 @@
-"""`python -m benchmarks.chaos.curves`: whether a run that is broken learns as an unbroken one does.
+"""`python -m benchmarks.chaos.curves`: whether a run with faults learns as well as one without.
 
 For each seed Catch is trained twice, once with the faults of `python -m benchmarks.chaos` and once
-without. Two figures of each curve are compared in pairs: the mean score of the last epochs, which
-is what was learned, and of all, which is how fast. The difference has a 95 % interval by Student's
-t over the seeds; the curves agree where both intervals lie within a margin around 0. The same
-command with --json goes on with the next pair after an interruption.
+without. Two figures of each curve are compared in pairs: the mean score of the last epochs (what
+was learned) and that of all epochs (how fast). The difference has a 95 % interval by Student's t
+over the seeds. The curves agree if both intervals lie within a margin around 0. After an
+interruption, the same command with --json continues with the next pair.
 """
 
 from collections.abc import Sequence
@@ -26,7 +26,7 @@ from common.errors import InputError
 from common.run.epochs import EpochTable
 
 _LAST = 3
-"""Epochs at the end of a curve that are what was learned."""
+"""Number of epochs at the end of a curve whose mean score counts as what was learned."""
 _T = (12.71, 4.303, 3.182, 2.776, 2.571, 2.447, 2.365, 2.306, 2.262)
 """97.5 % quantiles of Student's t with 1, 2, 3 … degrees of freedom."""
 FLAGS = (
@@ -43,18 +43,18 @@ FLAGS = (
 
 @dataclass(frozen=True, kw_only=True)
 class Options(BenchmarkOptions):
-    """Train the same seeds with and without faults, and compare what they learned."""
+    """Train the same seeds with and without faults, and compare the scores."""
 
     seeds: Annotated[int, Ge(2), Le(10)] = 3
     """Number of pairs of runs; their seeds are 1, 2, 3 …"""
     steps: FromOne = 10_000
-    """Agent steps of a run."""
+    """Length of each run, in agent steps."""
     actors: FromOne = 2
     """Number of actors."""
     longest: Seconds = 2.0
-    """Most seconds that a fault lasts."""
+    """Maximum duration of a fault, in seconds."""
     margin: Annotated[float, Gt(0)] = 0.2
-    """Largest difference of mean scores, of −1 to 1, that counts as none."""
+    """Largest difference of mean scores, which are −1 to 1, that counts as none."""
 
 
 def measure(options: Options) -> Report:
@@ -106,7 +106,7 @@ def _mean(scores: Sequence[float]) -> float:
 
 
 def _run(options: Options, seed: int, *, faults: bool) -> tuple[list[float], int]:
-    """Returns the mean score of each epoch of training, and how many faults there were."""
+    """Returns the mean score of each training epoch, and the number of faults."""
     flags = (*FLAGS, "--seed", str(seed))
     with (
         scratch() as folder,
@@ -123,7 +123,7 @@ def _run(options: Options, seed: int, *, faults: bool) -> tuple[list[float], int
             if faults:
                 storm.strike()
             elif cluster.recovery(PATIENCE) is None:
-                raise InputError(f"the run of seed {seed} stands still.")
+                raise InputError(f"the run of seed {seed} makes no progress.")
         cluster.conclude()
         if storm.unforeseen:
             raise InputError(f"a process ended: {'; '.join(storm.unforeseen)}.")

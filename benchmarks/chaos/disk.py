@@ -1,4 +1,4 @@
-"""`Disk`: a small disk of a run's own, which can be full or read-only."""
+"""`Disk`: a small disk for one run, which can be made full or read-only."""
 
 import os
 import shutil
@@ -13,7 +13,7 @@ from benchmarks.child import refusal
 
 _mount = partial(refusal, "mount")
 _LEAST = 4096
-"""Bytes that a file system gives out at once."""
+"""Smallest number of bytes that a file system allocates."""
 _MOST_FILES = 4096
 
 
@@ -21,14 +21,14 @@ class Disk:
     """A file system in memory, at ``folder``; a context manager, after which the files stay there.
 
     Args:
-        folder: is made.
-        size: bytes that fit.
+        folder: path at which the disk is mounted; it is created.
+        size: capacity in bytes.
     """
 
     def __init__(self, folder: Path, size: int) -> None:
         self.folder = folder
         self.missing: str | None = None
-        """Why ``folder`` could not be mounted as a disk; None if it was."""
+        """Reason why no disk could be mounted at ``folder``; None if it was."""
         self._size = size
         self._ballast = folder / "ballast"
 
@@ -47,7 +47,7 @@ class Disk:
             kept.rename(self.folder)
 
     def fill(self) -> Callable[[], None]:
-        """Take all the room that is left; returns what gives it back."""
+        """Take all the room that is left; returns a function that frees it."""
         size, more = 0, 2**30
         with self._ballast.open("wb") as file:
             while more >= _LEAST:
@@ -59,8 +59,8 @@ class Disk:
         return self._ballast.unlink
 
     def crowd(self) -> Callable[[], None]:
-        """Make files until there can be no more, although there is room in those that there are;
-        returns what removes them."""
+        """Create files until no more can be created, although there is room left in the present
+        ones; returns a function that removes them."""
         crowd = self.folder / "crowd"
         crowd.mkdir()
         with suppress(OSError):
@@ -69,8 +69,10 @@ class Disk:
         return partial(shutil.rmtree, crowd)
 
     def forbid(self) -> Callable[[], None]:
-        """Let nothing be made, changed or removed by its name; files that are open stay so.
-        Returns what allows it again."""
+        """Let no file be created, changed or removed by its name; open files stay open.
+
+        Returns a function that allows it again.
+        """
         place = str(self.folder)
         if why := _mount("--bind", place, place) or _mount("-o", "remount,bind,ro", place):
             raise OSError(why)

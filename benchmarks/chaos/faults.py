@@ -1,4 +1,4 @@
-"""What may go wrong: each fault strikes one process or link, and returns what ends it."""
+"""The faults: each strikes one process or link, and returns a function that ends it."""
 
 import itertools
 import random
@@ -14,12 +14,12 @@ from common.run.join import find_run
 from common.transport.interface import Unanswered
 
 PATIENCE = 120.0
-"""Seconds after which a run counts as one that does not recover."""
+"""Seconds after which a run counts as not recovered."""
 _JUNK = 20
-"""Messages that nobody should have sent."""
+"""Number of malformed messages that are sent."""
 _DAY = 86_400
 _RESENT_AFTER = 0.2
-"""Seconds after which Linux sends a piece again that nobody acknowledges, the first time."""
+"""Seconds after which Linux first resends an unacknowledged piece."""
 _MOST_RESENT = 4
 
 End = Callable[[], None]
@@ -27,14 +27,14 @@ End = Callable[[], None]
 
 class Fault(NamedTuple):
     strike: Callable[[Cluster, str, random.Random], End | None]
-    """Breaks the target; returns what mends it, or None if that mends itself."""
+    """Breaks the target; returns a function that mends it, or None if it mends itself."""
     targets: Callable[[Cluster], tuple[str, ...]]
     seconds: tuple[float, float] = (0.0, 0.0)
-    """The least and the most that it lasts."""
+    """Minimum and maximum duration."""
     may_end: bool = False
-    """Whether a process may end by it, to be started again."""
+    """Whether the fault may end a process, which is then started again."""
     missing: Callable[[Cluster], str | None] = lambda _: None
-    """Why it cannot strike on this machine, if it cannot."""
+    """Returns why it cannot strike on this machine; None if it can."""
 
 
 def _half_open(cluster: Cluster, name: str, _: random.Random) -> End:
@@ -55,7 +55,7 @@ def _delay(cluster: Cluster, name: str, draw: random.Random) -> End:
 
 
 def _lose(cluster: Cluster, name: str, draw: random.Random) -> End:
-    """Lose some pieces, and some of what is sent again: TCP waits twice as long each time."""
+    """Lose some pieces, and some that are sent again; TCP waits twice as long each time."""
     share, losses = draw.uniform(0.02, 0.3), random.Random(draw.random())
 
     def delay() -> float:
@@ -72,7 +72,7 @@ def _flip(cluster: Cluster, name: str, draw: random.Random) -> End:
 
 
 def _junk(cluster: Cluster, name: str, draw: random.Random) -> None:
-    """Send what is no chunk to the replay in an actor's name; each must be refused."""
+    """Send malformed chunks to the replay in an actor's name; each must be refused."""
     keys, _ = find_run(cluster.transport, None, 60.0, lambda: False)
     requester = cluster.transport.requester(keys.insert(name), 10.0)
     for _ in range(_JUNK):
@@ -88,17 +88,17 @@ def _jump(cluster: Cluster, name: str, draw: random.Random) -> End:
 
 
 def _expire(cluster: Cluster, name: str, _: random.Random) -> End:
-    """Let a certificate expire: its process must be refused, and the others work on."""
+    """Let a certificate expire: its process must be refused, and the others keep working."""
     cluster.certificates.expire(name)
     if name == HUB:
-        cluster.kill(name)  # it reads its own at its start alone
+        cluster.kill(name)  # a process reads its own certificate only at its start
     else:
         cluster.links[name].reset()
     if not cluster.is_refused(name):
-        raise AssertionError(f"an expired certificate of {name} was let in")
+        raise AssertionError(f"an expired certificate of {name} was accepted")
     # Without a learner the actors soon have to wait.
     if name not in (HUB, LEARNER) and cluster.recovery(PATIENCE, besides=name) is None:
-        raise AssertionError(f"the others did not work on without {name}")
+        raise AssertionError(f"the other processes did not keep working without {name}")
     chunks, weights, tests = cluster.stored(), cluster.published, cluster.tests()
 
     def end() -> None:
@@ -108,7 +108,7 @@ def _expire(cluster: Cluster, name: str, _: random.Random) -> End:
             raise AssertionError(f"chunks came in spite of the expired certificate of {name}")
         if name in (HUB, LEARNER) and cluster.published != weights:
             raise AssertionError(f"weights came in spite of the expired certificate of {name}")
-        # One may have been over before, and recorded now.
+        # One test may have ended before, and be recorded only now.
         if name == EVALUATOR and len(cluster.tests() - tests) > 1:
             raise AssertionError(f"tests came in spite of the expired certificate of {name}")
         cluster.certificates.renew(name)
@@ -119,7 +119,7 @@ def _expire(cluster: Cluster, name: str, _: random.Random) -> End:
 
 
 def _old(cluster: Cluster, name: str, __: random.Random) -> None:
-    """Let an actor of a former version come: it must be sent away with a sentence."""
+    """Start an actor of a former version: it must be refused with an explanation."""
     process = cluster.old_actor(name)
     said, _ = process.communicate(timeout=PATIENCE)
     if process.returncode != BAD_INPUT or "the hub does not speak this version's" not in said:
@@ -148,7 +148,7 @@ FAULTS = {
     "connection reset": Fault(lambda run, name, _: run.links[name].reset(), _clients),
     "slow network, 20 to 300 ms": Fault(_delay, _clients, (2.0, 6.0)),
     "packet loss, 2 to 30 %": Fault(_lose, _clients, (2.0, 6.0)),
-    # Zenoh's own messages have no checksum: some wrong bits in them make it panic. TLS has one.
+    # Zenoh's own messages have no checksum, and some wrong bits make it panic. TLS has a checksum.
     "one wrong bit in each piece": Fault(_flip, _clients, (1.0, 3.0), may_end=True),
     "junk in an actor's name": Fault(_junk, _actors),
     "disk full": Fault(
@@ -165,4 +165,4 @@ FAULTS = {
     ),
     "old version of the program": Fault(_old, _actors, missing=attrgetter("old_version.missing")),
 }
-"""By what people call them."""
+"""All faults by their names for people."""

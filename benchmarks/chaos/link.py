@@ -1,4 +1,4 @@
-"""`Link`: a network between two processes that fails without either being told."""
+"""`Link`: a network between two processes, which can fail without either noticing."""
 
 import random
 import socket
@@ -13,28 +13,28 @@ from benchmarks.child import free_endpoint
 from common.transport.endpoint import check_endpoint
 
 _AT_ONCE = struct.pack("ii", 1, 0)
-"""Closes a connection by a reset."""
+"""Socket option that closes a connection with a reset."""
 
 
 class Link:
     """Carries bytes between an address of its own and a hub's; a context manager.
 
-    While it is cut nothing arrives, not even that somebody hung up; as in a network, what was on
-    its way arrives when it is mended, if there is still somebody to take it.
+    While it is cut nothing arrives, not even the end of a connection. As in a network, what was on
+    its way arrives when the link is mended, if its receiver still exists.
     """
 
     def __init__(self, hub: str) -> None:
         self._hub = check_endpoint(hub)
         self.endpoint = free_endpoint()
-        """Where the hub is found through this link."""
+        """Address at which the hub is reached through this link."""
         self._listener = socket.create_server(check_endpoint(self.endpoint))
         self._whole = threading.Event()
         self._whole.set()
         self._sockets: list[socket.socket] = []
         self.delay: Callable[[], float] | None = None
-        """Draws the seconds that a piece of at most 64 KiB waits on its way; None for none."""
+        """Draws the delay, in seconds, of a piece of at most 64 KiB; None for no delay."""
         self.flips: random.Random | None = None
-        """Draws the bit that is wrong in each piece; None for none."""
+        """Draws the bit that is flipped in each piece; None for no flips."""
         self._forgotten: list[threading.Event] = []
 
     def __enter__(self) -> Self:
@@ -51,14 +51,14 @@ class Link:
         self.reset()
 
     def cut(self) -> Callable[[], None]:
-        """Nothing arrives any more; returns what mends it."""
+        """Let nothing arrive any more; returns a function that mends the link."""
         self._whole.clear()
         return self.mend
 
     def forget(self) -> None:
-        """What is connected stays so for ever, and nothing arrives; who connects anew is served.
+        """Let nothing arrive on present connections, which stay open; new connections work.
 
-        A router that restarted and has forgotten the connection does the same.
+        A router that restarted and forgot its connections does the same.
         """
         self._whole, before = threading.Event(), self._whole
         before.clear()
@@ -66,12 +66,12 @@ class Link:
         self._whole.set()
 
     def mend(self) -> None:
-        """All arrives again, whole and at once."""
+        """Let everything arrive again, unchanged and without delay."""
         self.delay = self.flips = None
         self._whole.set()
 
     def reset(self) -> None:
-        """Hang up on both sides; they may connect again."""
+        """Close all connections on both sides; they may connect again."""
         sockets, self._sockets = self._sockets, []
         for each in sockets:
             with suppress(OSError):
@@ -82,7 +82,7 @@ class Link:
         threading.Thread(target=target, args=args, daemon=True).start()
 
     def _accept(self) -> None:
-        with suppress(OSError):  # closed
+        with suppress(OSError):  # the link was closed
             while True:
                 near, _ = self._listener.accept()
                 self._sockets.append(near)
@@ -91,7 +91,7 @@ class Link:
     def _join(self, near: socket.socket) -> None:
         whole = self._whole
         whole.wait()
-        with suppress(OSError):  # no hub is there: hang up
+        with suppress(OSError):  # without a hub, close the connection
             far = socket.create_connection(self._hub)
             self._sockets.append(far)
             self._start(self._carry, far, near, whole)
@@ -106,7 +106,7 @@ class Link:
                 whole.wait()
                 sink.sendall(self._spoiled(content))
         except OSError:
-            # Whoever sends to one that has gone is told so by that one's machine.
+            # While the link is cut, a sender cannot learn that its receiver has gone.
             whole.wait()
             with suppress(OSError):
                 source.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, _AT_ONCE)

@@ -1,4 +1,4 @@
-"""A former version of the program, out of the repository's history."""
+"""A former version of the program, taken from the repository's history."""
 
 import os
 import subprocess
@@ -10,16 +10,16 @@ from benchmarks.child import refusal
 from common.process.supervisor import ROOT
 
 COMMIT = "8f65181"
-"""One whose messages are of a former schema."""
+"""A commit whose messages have a former schema."""
 
 
 class OldVersion:
-    """The actors of `COMMIT`, in ``folder``."""
+    """The program of `COMMIT`, unpacked into ``folder``; it starts its actors."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
         self.missing = self._unpack()
-        """Why it is not there, where that is so."""
+        """Reason why it could not be unpacked; None if it was."""
 
     def _unpack(self) -> str | None:
         archive = self._folder.with_suffix(".tar")
@@ -31,7 +31,7 @@ class OldVersion:
         return missing
 
     def start(self, *arguments: str) -> subprocess.Popen[str]:
-        """Start one of its actors; what it says is on its standard output."""
+        """Start one of its actors; its messages go to its standard output."""
         return subprocess.Popen(
             [sys.executable, "-m", "actors", *arguments],
             cwd=self._folder,

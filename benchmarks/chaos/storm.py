@@ -1,4 +1,4 @@
-"""`Storm`: one fault after the other on a run, as a seed draws them."""
+"""`Storm`: strikes a run with one fault after the other, drawn by a seed."""
 
 import os
 import random
@@ -18,24 +18,25 @@ class Storm:
     """Strikes with each kind of fault once, then with each once again, and so on.
 
     Args:
-        seed: of what is broken, when and for how long.
-        longest: the most seconds that a fault lasts.
+        seed: decides what breaks, when and for how long.
+        longest: maximum duration of a fault, in seconds.
     """
 
     def __init__(self, cluster: Cluster, seed: int, longest: float) -> None:
         self.struck: list[dict[str, Any]] = []
-        """Each fault: which, of what, how long, what it ended, and when all worked again."""
+        """A row for each fault: name, target, duration, what it ended, and the recovery time."""
         found = {name: fault.missing(cluster) for name, fault in FAULTS.items()}
         self.missing = {name: why for name, why in found.items() if why is not None}
-        """Faults that cannot be had here, and why."""
+        """Faults that cannot strike on this machine, each with the reason."""
         self._cluster = cluster
         self._draw = random.Random(seed)
         self._longest = longest
         self._deck: list[str] = []
 
     def strike(self) -> None:
-        """Let one fault happen, and wait until all works again; one in which the run reaches its
-        goal does not count.
+        """Strike with one fault, and wait until everything works again.
+
+        A fault during which the run reaches its goal does not count.
 
         Raises:
             InputError: the run does not recover.
@@ -72,12 +73,12 @@ class Storm:
                 },
             }
         )
-        told = f"{name}, {target}: all work again after {recovery:.1f} s"
+        told = f"{name}, {target}: everything works again after {recovery:.1f} s"
         print(f"{len(self.struck):4} {told}", flush=True)
 
     @property
     def unforeseen(self) -> list[str]:
-        """Processes that ended, and should not have."""
+        """Processes that ended although they should not have."""
         known = [
             each for row in self.struck if FAULTS[row["fault"]].may_end for each in row["ended"]
         ]

@@ -1,10 +1,10 @@
-"""An actor that records, apart from all its counters, what it made and what it was told is stored.
+"""An actor that records its chunks and their acknowledgements independently of its counters.
 
 python -m benchmarks.chaos.witness RECORD ACTOR'S-ARGUMENTS
 
 A chunk is recorded before it is first sent, and again when its acknowledgement has come. Each
-line is one write to a file opened for appending, so a killed actor loses at most its last line:
-then a chunk that was acknowledged counts as one that was not, never the other way round.
+line is one write to a file opened for appending, so a killed actor loses at most its last line. An
+acknowledged chunk may then count as unacknowledged, never the other way round.
 """
 
 if __name__ == "__main__":
@@ -29,12 +29,14 @@ from common.transport.interface import Envelope, Requester
 from common.transport.requests import Window
 
 RECORDED = ("frames", "actions", "rewards", "elapsed")
-"""Fields of a step by which the audit knows it."""
+"""Fields by which the audit recognises a step."""
 
 
 def digest(field_of: Callable[[str], Any], final_frames: Any) -> str:
-    """Returns the SHA-256 of steps, whose arrays ``field_of`` returns by name, and of the frames
-    after those at which a game was cut."""
+    """Returns the SHA-256 of steps and of the frames after steps that cut a game.
+
+    ``field_of`` returns the steps' arrays by name.
+    """
     found = hashlib.sha256()
     for fields in (*map(field_of, RECORDED), final_frames):
         found.update(np.ascontiguousarray(fields).tobytes())
@@ -59,7 +61,7 @@ def recorded(file: int) -> type[Window]:
 
 
 class _Witness:
-    """A `Requester` that records what is acknowledged, before whoever asked learns of it."""
+    """A `Requester` that records each acknowledgement before its caller gets it."""
 
     def __init__(self, requester: Requester, file: int) -> None:
         self._requester = requester
@@ -84,8 +86,8 @@ class _Witness:
 
 
 def line(what: str, chunk: Chunk) -> bytes:
-    """Returns the record of something that happened to a chunk: its digest, and the rows that its
-    steps and its last frames have."""
+    """Returns the record of an event of a chunk: its digest, and the numbers of rows of its steps
+    and of its last frames."""
     finals = chunk.final_frames
     found = digest(lambda name: getattr(chunk, name), finals)
     return f"{what} {found} {len(chunk)} {len(finals)}\n".encode()

@@ -1,8 +1,8 @@
-"""Which commit each published result was measured at, and what keeps it from being measured again.
+"""Finds the commit of each published result, and what keeps the result from being reproduced.
 
-A result is reproduced by its flags at its commit. Two things can keep it from that: tracked files
-that differed from the commit (``git_dirty``), and what a ``note`` in the result says, such as a
-commit that no longer exists.
+A result is reproduced by its flags at its commit. Two things can prevent that: tracked files that
+differed from the commit (``git_dirty``), and what a ``note`` in the result says, such as a commit
+that no longer exists.
 """
 
 import csv
@@ -17,10 +17,10 @@ class Source(NamedTuple):
 
     file: str
     part: str
-    """Which row or part of the file, for a person; empty for all of it."""
+    """Row or part of the file, for people; empty for the whole file."""
     commit: str
     dirty: bool | None
-    """Whether tracked files differed from the commit; None if the result does not tell."""
+    """Whether tracked files differed from the commit; None if unknown."""
     note: str
 
 

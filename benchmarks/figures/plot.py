@@ -1,8 +1,8 @@
-"""`python -m benchmarks.figures.plot FILE … --figure NAME -o figure.png`: the figures of results.
+"""`python -m benchmarks.figures.plot FILE … --figure NAME -o figure.png`: draws results.
 
-Beside those of runs (`learner.figures.plot`): `--figure delay` takes tables of `python -m
-benchmarks.lab.actuation_latency`; race, games, robustness, press and scaling take files that the
-experiment of that name wrote with `--json`.
+It draws the figures of runs (`learner.figures.plot`) and others: `--figure delay` takes tables of
+`python -m benchmarks.lab.actuation_latency`; race, games, robustness, press and scaling take files
+that the experiment of that name wrote with `--json`.
 """
 
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""The figure of what lateness costs: score against the time from a command to its keys."""
+"""The figure of what latency costs: score against the time from a command to its keys."""
 
 import csv
 import math
@@ -18,7 +18,7 @@ _AGENT_STEP_MS = ms_of(4)
 
 
 class Played(NamedTuple):
-    """Games of a network under late keys."""
+    """Games of a network at one actuation latency."""
 
     name: str
     late_ms: float
@@ -27,10 +27,10 @@ class Played(NamedTuple):
 
 
 def read_late_keys(paths: Sequence[Path]) -> list[Played]:
-    """Returns the rows of tables that `benchmarks.lab.actuation_latency` wrote, now or before.
+    """Returns the rows of tables that `benchmarks.lab.actuation_latency` writes or once wrote.
 
     Raises:
-        InputError: a file is no such table.
+        InputError: a file is not such a table.
     """
     return [played for path in paths for played in _read(path)]
 
@@ -54,14 +54,14 @@ def _read(path: Path) -> list[Played]:
             raise InputError(f"{path} is damaged in row {number}: {error}.") from None
     if not found:
         raise InputError(
-            f"{path} is no table of games under late keys: write it with "
+            f"{path} is not a table of games at several actuation latencies: write it with "
             "python -m benchmarks.lab.actuation_latency NETWORK … -o FILE.csv."
         )
     return found
 
 
 def delay_figure(played: Sequence[Played]) -> Figure:
-    """Returns a line for each network: its mean score by the keys' lateness."""
+    """Returns the figure, with a line for each network: its mean score by actuation latency."""
     points: dict[str, list[tuple[float, float]]] = defaultdict(list)
     for name, late_ms, mean in played:
         points[name].append((late_ms, mean))

@@ -14,8 +14,11 @@ _COLUMNS = 4
 
 
 def games_figure(path: Path) -> Figure:
-    """Returns a panel for each game that `python -m benchmarks.lab.games` wrote at ``path``: mean
-    scores of training games by agent steps, random play, and a human's score where it is near.
+    """Returns a panel for each game in the file ``path`` that `python -m benchmarks.lab.games`
+    wrote.
+
+    A panel has the mean scores of training games by agent steps, random play, and a human's score
+    if it is near.
 
     Raises:
         InputError: the file holds something else, or no run yet.
@@ -57,6 +60,6 @@ def games_figure(path: Path) -> Figure:
         each.set_title(game.replace("_", " "), loc="left", fontsize=10, color=INK)
     figure.supxlabel("agent steps, thousands", fontsize=10, color=INK)
     figure.supylabel("mean score of training games", fontsize=10, color=INK)
-    # Of the panel that shows the most; not every one shows a human's score.
+    # Taken from the panel with the most entries; not every panel shows a human's score.
     legend(figure, max(axes, key=lambda each: len(each.get_legend_handles_labels()[1])))
     return figure

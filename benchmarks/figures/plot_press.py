@@ -15,11 +15,11 @@ from learner.figures.plot_style import INK
 
 _FRAME_MS = ms_of(1)
 _DARK = 0.55
-"""Share of the scale from which numbers are white."""
+"""Share of the scale above which numbers are white."""
 
 
 def read_press(path: Path) -> dict[str, Any]:
-    """The measurement that `python -m benchmarks.lab.press_latency --json` wrote to ``path``.
+    """Returns what `python -m benchmarks.lab.press_latency --json` wrote to ``path``.
 
     Raises:
         InputError: the file holds no press latencies.
@@ -31,8 +31,9 @@ def read_press(path: Path) -> dict[str, Any]:
 
 
 def press_figure(found: Mapping[str, Any]) -> Figure:
-    """Medians from each action (row) to each other (column), coloured by emulator frames."""
-    table = np.array(found["table_ms"], np.float64)  # null is NaN: never reached, or no change
+    """Returns the table of medians from each action (row) to each other (column), coloured by
+    emulator frames."""
+    table = np.array(found["table_ms"], np.float64)  # null becomes NaN: never reached, or no change
     frames = max(int(np.nan_to_num(table).max() / _FRAME_MS + 0.5), 1)
     figure, axes = subplots(figsize=(8.6, 7.4), layout="constrained")
     colours = get_cmap("YlGnBu", frames)

@@ -12,8 +12,9 @@ from learner.figures.plot_style import INK, Points, Series, line_figure
 
 
 def race_figure(paths: Sequence[Path]) -> Figure:
-    """Returns the races that `python -m benchmarks.lab.race` wrote at ``paths``: a colour for each
-    and one for its peer, a line for each seed.
+    """Returns the figure of races that `python -m benchmarks.lab.race` wrote to ``paths``.
+
+    Each race has a colour, and so has its peer; each seed has a line.
 
     Raises:
         InputError: a file holds something else, or nothing was tested yet.

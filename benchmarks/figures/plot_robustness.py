@@ -1,4 +1,4 @@
-"""The figure of a robustness grid: a heat map of scores, or curves where the optics are one."""
+"""The figure of a robustness grid: a heat map of scores, or curves if there is only one optics."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -13,7 +13,7 @@ from benchmarks.report import reading
 from learner.figures.plot_style import INK, Series, line_figure
 
 _WORST, _BEST = -21.0, 21.0
-"""Scores of Pong between which the colours go; other games have the colours of their own range."""
+"""Scores of Pong at the ends of the colour scale; other games have a scale of their own range."""
 _WORDS = {
     "nominal": "a perfect camera",
     "grain": "noise and blur",
@@ -24,7 +24,7 @@ _WORDS = {
 
 
 class Grid(NamedTuple):
-    """Means of a grid's cells."""
+    """A grid, with the mean score of each cell."""
 
     name: str
     optics: list[str]
@@ -36,7 +36,7 @@ def read_grid(path: Path) -> Grid:
     """Returns the grid in the JSON of `benchmarks.lab.robustness` at ``path``.
 
     Raises:
-        InputError: it holds none.
+        InputError: the file holds no grid.
     """
     with reading(path, "grid", "lab.robustness POLICY") as found:
         means = {

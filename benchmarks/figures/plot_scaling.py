@@ -1,4 +1,4 @@
-"""The figure of what more actors bring: agent steps per second against their number."""
+"""The figure of scaling: agent steps per second against the number of actors."""
 
 from pathlib import Path
 
@@ -16,10 +16,10 @@ _LINES = {
 
 
 def scaling_figure(path: Path) -> Figure:
-    """Returns the figure of what `python -m benchmarks.scaling` wrote at ``path``.
+    """Returns the figure of what `python -m benchmarks.scaling` wrote to ``path``.
 
     Raises:
-        InputError: it wrote something else.
+        InputError: the file holds something else.
     """
     with reading(path, "scaling", "scaling") as content:
         found = content["scaling"]

@@ -1,7 +1,7 @@
 """`python -m benchmarks.figures.portrait -o docs/robot.png`: the robot at play, as a picture.
 
-Above the room, and the robot from the front; below what its camera sees, with the game's corners as
-the detector found them, and the 84×84 frame that the network gets.
+The upper row shows the room, and the robot from the front. The lower row shows what its camera
+sees, with the detected corners of the game, and the 84×84 frame that the network gets.
 """
 
 import sys
@@ -49,7 +49,7 @@ def main() -> int:
     with closing(RobotEnv(options.game, play=play)) as env:
         env.reset(seed=options.seed)
         at_random = np.random.default_rng(options.seed).integers(18, size=options.decisions - 1)
-        # At last a diagonal with fire, so that both hands are at work.
+        # Ends with a diagonal and fire, so that both hands press keys.
         for action in (*at_random, action_of_keys(Keys.UP | Keys.RIGHT | Keys.FIRE)):
             env.step(action)
         picture = _portrait(env)
@@ -60,7 +60,7 @@ def main() -> int:
 
 
 def _portrait(env: RobotEnv) -> NDArray[np.uint8]:
-    """``uint8 [960, 1280, 3]``."""
+    """Returns the picture, ``uint8 [960, 1280, 3]``."""
     seen, detection, game = env.seen, env.detection, env.emulator.screen_rgb()
     if detection.corners is None:
         raise InputError("no screen was found in the picture: choose another --seed.")

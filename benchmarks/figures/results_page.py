@@ -1,13 +1,15 @@
-"""`python -m benchmarks.figures.results_page`: sets the tables of RESULTS.md from the
-measurements' files.
+"""`python -m benchmarks.figures.results_page`: writes the tables of RESULTS.md from result files.
 
-The page's text is written by hand; between ``<!-- NAME.json -->`` and ``<!-- end -->`` stands what
-``benchmarks/results/NAME.json`` says, so that no figure is copied by hand. A file of several tables
-has them under names of their own: ``<!-- NAME.json kinds -->``. What was learned, rung by rung, is
-``<!-- ladder.csv -->``, how fast by each run ``<!-- ladder-*-pong-*.csv -->``: the files that have
-such names. The table of a file ``race*.json`` is a row for each of its runs. ``<!-- not
-reproducible -->`` lists the results that their commit alone does not bring back, and
-``<!-- needs of robots -->`` is what `benchmarks.figures.robots` computes from several of them.
+The page's text is written by hand. Between a marker and ``<!-- end -->`` stands a table made from
+files in ``benchmarks/results``, so that no figure is copied by hand:
+
+* ``<!-- NAME.json -->``: the table of ``NAME.json``. For a file ``race*.json`` it has a row for
+  each run.
+* ``<!-- NAME.json kinds -->``: one of several tables of a file, by its name, here ``kinds``.
+* ``<!-- ladder.csv -->``: what was learned, rung by rung.
+* ``<!-- ladder-*-pong-*.csv -->``: how fast each run learned, from all files with such names.
+* ``<!-- not reproducible -->``: the results that their commit alone does not reproduce.
+* ``<!-- needs of robots -->``: what `benchmarks.figures.robots` computes from several results.
 """
 
 import csv
@@ -28,9 +30,9 @@ from learner.telemetry.provenance import machine_line
 
 PAGE = Path(__file__).resolve().parents[1] / "RESULTS.md"
 CURVE = (100_000, 200_000, 250_000, 300_000, 400_000, 500_000, 600_000, 800_000, 1_000_000)
-"""Steps at which a run's training games are told."""
+"""Agent steps at which the table gives the score of a run's training games."""
 _CLOSE = 25_000
-"""Fewest steps by which the end of an epoch is too far from one of these."""
+"""Steps from which on the end of an epoch is too far from one of these."""
 _TABLE = re.compile(
     r"<!-- (?P<name>[\w*-]+\.(?:json|csv)|not reproducible|needs of robots)"
     r"(?: (?P<rows>\w+))? -->\n(?:.*?\n)??<!-- end -->",
@@ -39,10 +41,10 @@ _TABLE = re.compile(
 
 
 def render(page: str, folder: Path) -> str:
-    """``page`` with the tables of the files in ``folder``.
+    """Returns ``page`` with the tables of the files in ``folder``.
 
     Raises:
-        InputError: a file that the page names is not there.
+        InputError: a file that the page names does not exist.
     """
 
     def table(found: re.Match[str]) -> str:
@@ -58,7 +60,7 @@ def render(page: str, folder: Path) -> str:
             return curves(sorted(folder.glob(name)))
         file = folder / name
         if not file.exists():
-            raise InputError(f"{file} is not there: run the benchmark that makes it, with --json.")
+            raise InputError(f"{file} does not exist: run the benchmark that makes it with --json.")
         text = file.read_text(encoding="utf-8")
         if file.suffix == ".csv":
             return learned(csv.DictReader(io.StringIO(text)))
@@ -70,8 +72,10 @@ def render(page: str, folder: Path) -> str:
 
 
 def markdown(measurement: Mapping[str, Any], which: str | None = None) -> str:
-    """Returns a measurement that `benchmarks.report` wrote as a table, with machine and commit
-    below it. ``which`` names one of its further tables; the main one (None) has a title."""
+    """Returns a measurement that `benchmarks.report` wrote as a table, above machine and commit.
+
+    ``which`` names one of its further tables; the main one (None) has a title.
+    """
     rows = measurement[which or "rows"]
     names = list(rows[0])
     aligned = ["---" if isinstance(rows[0][name], str) else "---:" for name in names]
@@ -81,8 +85,11 @@ def markdown(measurement: Mapping[str, Any], which: str | None = None) -> str:
 
 
 def raced(race: Mapping[str, Any]) -> str:
-    """Each run of a race, as `benchmarks.lab.race` wrote it: how long it took, when its training
-    games first had each score, and the scores of its last weights."""
+    """Returns a table of the runs of a race that `benchmarks.lab.race` wrote.
+
+    It has each run's duration, when its training games first had each score, and the scores of its
+    last weights.
+    """
     scores = list(race["runs"][0]["training"])
     names = ["seed", "agent steps", "minutes", "steps/s", *(f"≥ {score}" for score in scores)]
     names += [
@@ -114,12 +121,12 @@ def _where(measurement: Mapping[str, Any]) -> str:
 
 
 def commit_of(commit: str | None, dirty: bool | None) -> str:
-    """Shortened, with a + where tracked files differed from it."""
+    """Returns ``commit`` shortened, with a + if tracked files differed from it."""
     return f"{commit[:7]}{'+' if dirty else ''}" if commit else "?"
 
 
 def learned(rows: Iterable[Mapping[str, str]]) -> str:
-    """The ladder's rows, as `benchmarks.lab.ladder` wrote them: what was reached, and when."""
+    """Returns a table of rows of `benchmarks.lab.ladder`: what was reached, and when."""
     names = ["rung", "game", "seed", "random", "score of a game", "IQM (95 %)"]
     names += [f"≥ {score:g}" for score in MILESTONES.values()]
     names += ["steps", "hours", "commit"]
@@ -144,7 +151,7 @@ def learned(rows: Iterable[Mapping[str, str]]) -> str:
 
 
 def not_reproducible(found: Iterable[Source]) -> str:
-    """The results that their commit and flags alone do not bring back, and why."""
+    """Returns the results that their commit and flags alone do not reproduce, and why."""
     reasons: dict[tuple[str, str, str], list[str]] = {}
     for each in found:
         if each.dirty is not False or each.note:
@@ -161,7 +168,7 @@ def not_reproducible(found: Iterable[Source]) -> str:
 
 
 def needed(folder: Path) -> str:
-    """What more and more robots need, over where each result that it is made of was measured."""
+    """Returns what more and more robots need, above the sources of the results behind it."""
     aligned = ["---", *["---:"] * len(robots.ROBOTS), "---", "---"]
     measured = (
         f"{name}.json: {_where(json.loads((folder / f'{name}.json').read_bytes()))}"
@@ -171,7 +178,7 @@ def needed(folder: Path) -> str:
 
 
 def curves(files: Iterable[Path]) -> str:
-    """Run by run, the mean score of the training games around so many steps."""
+    """Returns the mean score of each run's training games around the steps of `CURVE`."""
     cells = []
     for file in files:
         trained = [row for row in EpochTable(file).rows() if row.phase == "train"]

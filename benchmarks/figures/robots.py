@@ -1,6 +1,6 @@
-"""`needs`: what 10, 100 and 1,000 robots in real time need, from what one process was measured at.
+"""`needs`: what 10, 100 and 1,000 robots in real time need, computed from measurements.
 
-Each row says which of its numbers were measured, by the file, and which are computed from them.
+Each row says which of its numbers were measured, in which file, and which are computed from them.
 """
 
 import json
@@ -32,14 +32,14 @@ _FOR_WEIGHTS = 100e6
 """Bytes per second that weights may take."""
 _PAPER: LearningConfig = PRESETS["paper"].learning
 SOURCES = ("actor_steps", "many_actors", "peers", "transport")
-"""Names of the results that it is made of."""
+"""Names of the results from which it is computed."""
 
 
 def needs(folder: Path) -> Iterator[list[str]]:
-    """Yields a row for each thing that robots need, under `NAMES`.
+    """Yields a row for each resource that robots need, with columns `NAMES`.
 
     Raises:
-        InputError: a result is not there, or lacks what it should have.
+        InputError: a result does not exist, or lacks a figure.
     """
     try:
         texts = {name: (folder / f"{name}.json").read_bytes() for name in SOURCES}
@@ -58,7 +58,7 @@ def _rows(found: Mapping[str, Any]) -> Iterator[list[str]]:
         if each["work"].startswith(f"updates of {_PAPER.batch_size},")
     )
     insert, sample = found["transport"]["insert"], found["transport"]["sample"]
-    # Steps per second that a replay takes while it gives minibatches over Zenoh.
+    # Steps per second that a replay accepts while it serves minibatches over Zenoh.
     inserts: float = found["transport"]["insert_at_once"]["transitions_per_second"]
     step_bytes = insert["megabytes_per_second"] * 1e6 / insert["transitions_per_second"]
     batch_bytes = sample["megabytes_per_second"] * 1e6 / sample["calls_per_second"]
@@ -70,7 +70,7 @@ def _rows(found: Mapping[str, Any]) -> Iterator[list[str]]:
         return f"at {robots:,.0f} robots"
 
     robots = np.array(ROBOTS, np.float64)
-    # The hubs with the numbers of actors next to these at which they were measured.
+    # For each number of robots, the hub that was measured with the nearest number of actors.
     hubs: list[Mapping[str, Any]] = [
         min(found["many_actors"]["many_actors"], key=lambda hub: abs(math.log(hub["actors"] / n)))
         for n in ROBOTS
@@ -79,7 +79,7 @@ def _rows(found: Mapping[str, Any]) -> Iterator[list[str]]:
     due = steps / _PAPER.train_period
     made = np.minimum(due, updates)
     weights = made / _PAPER.publish_period * WEIGHTS_BYTES * robots
-    # More robots make more updates due, up to what a learner makes, and all take the weights.
+    # More robots mean more updates, up to the learner's limit, and all robots get the weights.
     pace = _GIGABIT * _PAPER.publish_period / WEIGHTS_BYTES
     full = max(math.sqrt(pace * _PAPER.train_period / STEPS_PER_SECOND), pace / updates)
     measured = "measured with " + ", ".join(f"{hub['actors']:,}" for hub in hubs) + " actors"

@@ -1,7 +1,6 @@
-"""`python -m benchmarks.figures.screens`: pictures of a run for the pages, docs/screen.png and
-docs/web.png.
+"""`python -m benchmarks.figures.screens`: draws docs/screen.png and docs/web.png.
 
-It starts a run for them, and Chromium draws both: the page, and the last screen of the terminal.
+It starts a run for them, and Chromium draws both: the web page, and the terminal's last screen.
 """
 
 import contextlib
@@ -39,31 +38,31 @@ _RUN = (
     *("--protocol.epoch-steps", "1000", "--protocol.test-steps", "500"),
     *("--protocol.held-out-states", "256", "--learning.no-center-pixels"),
 )
-"""A network that plays already, and epochs of seconds."""
+"""Flags for a network that already plays, and for epochs of seconds."""
 _ERASED = re.compile(r"\r?\x1b\[2K(?:\x1b\[1A\x1b\[2K)+")
-"""What Rich's live display writes before it draws anew."""
+"""What Rich's live display writes before it draws again."""
 _PAGE = """<style>
   body {{ margin: 0; }}
   pre {{ margin: 0; width: max-content; font: 15.5px/18px "DejaVu Sans Mono", monospace;
         letter-spacing: calc(9px - 1ch); color: {foreground}; background: {background}; }}
 </style><pre>{code}</pre>"""
-"""Cells of whole pixels: between blocks of others there are seams."""
+"""Page for the terminal's screen. Its cells have whole pixels, because others leave seams."""
 
 
 @dataclass(frozen=True)
 class Screens:
-    """Draw the terminal's screen and the page of a run that is started for it."""
+    """Start a run, and draw its terminal screen and its web page."""
 
     minutes: float = 5.0
-    """Minutes of the run until it is drawn."""
+    """Minutes of the run before it is drawn."""
     folder: Path = Path("docs")
-    """Folder of the pictures."""
+    """Folder for the pictures."""
     learner: str = ""
-    """More flags for `python -m learner`; with --resume in them, they are all that it gets."""
+    """More flags for `python -m learner`; with --resume among them, it gets no others."""
 
 
 def draw(options: Screens) -> None:
-    """Draws both.
+    """Draws both pictures.
 
     Raises:
         InputError: there is no Chromium, or the run does not begin.
@@ -87,7 +86,7 @@ def draw(options: Screens) -> None:
             window = browser.new_context(viewport={"width": 1_280, "height": 800}, bypass_csp=True)
             page = window.new_page()
             page.goto(f"http://{web}/")
-            # The page's policy forbids the waiting function, and is therefore passed over.
+            # The page's security policy would forbid the waiting function, so it is bypassed.
             page.wait_for_function("document.querySelector('#picture').naturalWidth > 0")
             page.wait_for_timeout(3_000)
             page.screenshot(path=options.folder / "web.png")
@@ -97,7 +96,7 @@ def draw(options: Screens) -> None:
 
 
 class _Terminal:
-    """What a program wrote to its terminal."""
+    """The output of a program to its terminal."""
 
     def __init__(self, far: int, process: "subprocess.Popen[bytes]") -> None:
         self._far = far
@@ -111,7 +110,7 @@ class _Terminal:
                 self._written = (self._written + part)[-4_000_000:]
 
     def wait(self, seconds: float) -> None:
-        """Raises InputError if the program leaves before."""
+        """Wait for ``seconds``; raises InputError if the program ends before."""
         end = time.monotonic() + seconds
         with contextlib.suppress(subprocess.TimeoutExpired):
             self._process.wait(max(end - time.monotonic(), 0.0))
@@ -119,15 +118,17 @@ class _Terminal:
             raise InputError(f"the run ended before it was drawn: {told[-500:]}")
 
     def screen(self) -> str:
-        """Returns the last screen that was written whole."""
+        """Returns the last complete screen."""
         return last_screen(self._written.decode(errors="replace"))
 
 
 def last_screen(written: str) -> str:
-    """Returns what Rich's live display drew last before it drew again, with its colours.
+    """Returns the last complete screen of Rich's live display, with its colours.
+
+    A screen is complete when the next one begins.
 
     Raises:
-        InputError: it never drew again.
+        InputError: no screen is complete yet.
     """
     *before, _ = _ERASED.split(written)
     if len(before) < 2:

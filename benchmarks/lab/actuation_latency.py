@@ -1,9 +1,9 @@
-"""`python -m benchmarks.lab.actuation_latency policies/ale_pong.safetensors`: what lateness costs
-a network.
+"""`python -m benchmarks.lab.actuation_latency policies/ale_pong.safetensors`: the cost of latency.
 
-Each network plays whole games while a new command's keys are down later and later, as a robot's
-are; the old command's are let go at once. Nothing is learned: compare networks that were trained
-under other latenesses. `python -m benchmarks.figures.plot --figure delay` draws the table.
+Each network plays whole games at several actuation latencies. As with a robot, a new command's keys
+are pressed late, while the old command's are released at once. Nothing is learned, so compare
+networks that were trained at different latencies. `python -m benchmarks.figures.plot --figure
+delay` draws the table.
 """
 
 import csv
@@ -28,7 +28,8 @@ COLUMNS = (
     "network", "press", "late_ms", "games", "epsilon", "seed", "mean", "deviation",
     "iqm", "iqm_low", "iqm_high", "cpu", "git_commit", "git_dirty",
 )  # fmt: skip
-"""``press``: frames of 60 Hz that the game plays without a new command's keys."""
+"""Columns of the table. ``press``: frames of 60 Hz that the game plays without a new command's
+keys."""
 
 
 @dataclass(frozen=True)
@@ -36,9 +37,9 @@ class Options:
     """Play games by trained networks under several actuation latencies."""
 
     networks: tyro.conf.Positional[Annotated[tuple[Path, ...], MinLen(1)]]
-    """Published policies, or checkpoints in their runs' folders."""
+    """Networks: published policies, or checkpoints in their runs' folders."""
     press: Annotated[tuple[Latency, ...], MinLen(1)] = (0, 1, 2, 3, 4, 6, 8)
-    """Frames until a new command's keys are down, each of them played."""
+    """Actuation latencies to play at: emulator frames until a new command's keys are down."""
     games: FromOne = 10
     """Number of games for each network and latency."""
     epsilon: Fraction = EPSILON
@@ -48,16 +49,16 @@ class Options:
 
 
 def name_of(network: Path) -> str:
-    """``ale_pong`` of a published policy, the run's name of a file in a run's folder."""
+    """Returns the name of a published policy, such as ``ale_pong``, or of a checkpoint's run."""
     run = run_of(network)
     return run.name if run else network.stem
 
 
 def hand_flags(network: Path, press: int) -> list[str]:
-    """Returns the flags by which a modelled hand presses the keys, of a robot too.
+    """Returns the flags that make a modelled hand press the keys, even those of a robot.
 
     Raises:
-        InputError: nobody knows under which settings the network was trained.
+        InputError: the settings of the network's training are unknown.
     """
     late = ["--play.press-latency", f"{press}"]
     return [*late, "--play.hand", "model"] if settings_of(network).env == "robot" else late

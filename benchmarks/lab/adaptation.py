@@ -1,9 +1,8 @@
-"""`python -m benchmarks.lab.adaptation POLICY --to="--robot robotroller"`: how soon a policy plays
-in another world as it does in its own.
+"""`python -m benchmarks.lab.adaptation POLICY --to="--robot robotroller"`: learning another world.
 
-The network is played in its own world and, not trained anew, in the other one. There it is then
-trained for a fixed number of agent steps, and played once more. The same command resumes a training
-that was interrupted.
+It measures how soon a policy plays as well in another world as in its own. The network plays in its
+own world and, without further training, in the other one. There it is then trained for a fixed
+number of agent steps, and plays once more. The same command resumes an interrupted training.
 """
 
 import shlex
@@ -41,22 +40,22 @@ ADAPTING = {
     "exploration.end": "0.02",
     "exploration.steps": "5000",
 }
-"""Settings of the training. What is learned already is to be kept, so nearly all actions are the
-policy's. The steps are few, since a body's are dear, so each is drawn 32 times."""
+"""Settings of the training. To keep what was learned before, nearly all actions are the policy's.
+Steps of a body are expensive and therefore few, so each is drawn 32 times."""
 _WORLD = ("play.", "camera.", "randomise.")
 _EPOCHS = 10
 _NEAR = 2.0
-"""Points below the score in its own world from which a policy plays as before."""
+"""Points that a policy may stay below the score in its own world and still count as adapted."""
 
 
 @dataclass(frozen=True)
 class Options(TrainingOptions, PlayingOptions):
-    """Train a policy for a while in another world than its own, and play it before and after."""
+    """Train a policy for a while in a world other than its own, and play before and after."""
 
     to: str
     """Settings of the other world, as in --to="--camera.noise 8 --play.sticky 0.25"."""
     steps: FromOne = 20_000
-    """Agent steps of the training."""
+    """Length of the training, in agent steps."""
     run: str = "adaptation"
     """Name of the training's run."""
 

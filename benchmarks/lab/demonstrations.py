@@ -2,9 +2,9 @@
 
 FOLDER is a recording of a trained policy (`ale-robot record POLICY -o FOLDER --minutes 10`) or of a
 person (`ale-robot human --record FOLDER`). For each seed one run begins without it and one with it,
-under the same settings. The table tells the agent steps that the run's own actors had played when
-the test of an epoch first had the score asked for; the recorded ones are not among them. The same
-command resumes a training that was interrupted.
+under the same settings. The table gives the agent steps that the run's own actors had played when
+an epoch's test first reached the score; recorded steps do not count. The same command resumes an
+interrupted training.
 """
 
 import json
@@ -26,14 +26,14 @@ _WITHOUT, _WITH = _BOTH = ("without", "with")
 
 @dataclass(frozen=True)
 class Options(TrainingOptions):
-    """Train with and without demonstrations, and compare how soon the tests have a score."""
+    """Train with and without demonstrations, and compare how soon the tests reach a score."""
 
     recording: tyro.conf.Positional[Path]
     """Folder of the recording."""
     score: float = 18.0
-    """Mean score of a test at which a run is there."""
+    """Mean score of a test that a run is to reach."""
     steps: FromOne = 500_000
-    """Agent steps of each run, the warm-up and the recorded ones included."""
+    """Length of each run, in agent steps, including the warm-up and the recorded steps."""
     seeds: FromOne = 1
     """Number of pairs of runs."""
     run: str = "demonstrations"
@@ -53,7 +53,7 @@ def measure(options: Options) -> Report:
     ]
     told = [each for each in saved if each is not None]
     note = (
-        "in no pair did both runs come to the score"
+        "in no pair did both runs reach the score"
         if not told
         else f"saved agent steps: {', '.join(f'{each:,}' for each in told)}; "
         f"recorded: {rows[-1]['recorded']:,}"

@@ -1,9 +1,9 @@
-"""`python -m benchmarks.lab.fuzz --json FILE`: what changed messages of each kind do.
+"""`python -m benchmarks.lab.fuzz --json FILE`: fuzzes every kind of message.
 
-`tests.fuzz` throws them at each part that decodes what comes from outside, guided by the lines that
-they reach (Atheris: `pip install -e '.[fuzz]'`). A message that is neither taken nor refused, takes
-ten seconds or 2 GiB of memory is told with the file that holds it. The same command goes on with
-the kinds that are missing from FILE.
+`tests.fuzz` passes changed messages to each part that decodes input from outside, guided by the
+lines that they reach (Atheris: `pip install -e '.[fuzz]'`). A message that is neither accepted nor
+refused, or that takes ten seconds or 2 GiB of memory, is reported with the file that holds it. The
+same command continues with the kinds that are missing from FILE.
 """
 
 import re
@@ -22,14 +22,14 @@ from common.process.supervisor import ROOT
 
 @dataclass(frozen=True)
 class Options(BenchmarkOptions):
-    """Throw changed messages of each kind at the program, and count what they reach."""
+    """Pass changed messages of each kind to the program, and count what they reach."""
 
     messages: FromOne = 100_000
-    """Messages of each kind."""
+    """Number of messages of each kind."""
     seed: FromOne = 1
     """Seed of the changes."""
     kinds: tuple[str, ...] = ()
-    """Kinds; all, where none is named."""
+    """Kinds of message; by default all."""
 
 
 def measure(options: Options) -> Report:
@@ -46,7 +46,7 @@ def measure(options: Options) -> Report:
 
 
 def _fuzz(options: Options, kind: str) -> dict[str, Any]:
-    """Returns the figures of a kind; ``kept`` are the messages that reached edges of their own.
+    """Returns the figures of a kind; ``kept`` is the number of messages that reached new edges.
 
     Raises:
         InputError: a message did harm.
@@ -55,7 +55,7 @@ def _fuzz(options: Options, kind: str) -> dict[str, Any]:
     last = re.findall(r"^#\d+\s+DONE\s+cov: (\d+) .*? corp: (\d+)/", said, re.MULTILINE)
     numbers = dict(re.findall(r"^stat::(\w+):\s+(\d+)$", said, re.MULTILINE))
     if not last:
-        raise InputError(f"the fuzzer of {kind} told no end: {said[-400:]}.")
+        raise InputError(f"the fuzzer of {kind} did not report its end: {said[-400:]}.")
     return {
         "messages": int(numbers["number_of_executed_units"]),
         "edges reached": int(last[0][0]),

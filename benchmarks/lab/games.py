@@ -1,9 +1,9 @@
 """`python -m benchmarks.lab.games --json FILE`: what a body costs, game by game.
 
 For each game, a robot and its twin, which plays by the emulator alone, are trained from scratch for
-the same number of agent steps, by the same settings for all games; afterwards the last weights play
-the three evaluations of --headline. The share tells how much of the twin's rise over random play
-the robot has. The same command goes on with what was interrupted or is missing.
+the same number of agent steps, with the same settings for all games. Afterwards the last weights
+play the three evaluations of --headline. The share is the robot's rise over random play divided by
+its twin's. The same command continues with what was interrupted or is missing.
 
 `python -m benchmarks.figures.plot --figure games FILE` draws the curves of training.
 """
@@ -41,26 +41,26 @@ ANCHORS = {
     "pong": Anchors(-20.7, 9.3),
     "seaquest": Anchors(68.4, 20_182.0),
 }
-"""The six games of Physical Atari (2026), and Breakout. Random play here scores otherwise: it
+"""The six games of Physical Atari (2026), and Breakout. Random play scores differently here: it
 begins with up to 30 random actions, and plays each game to its end."""
 BODIES = {"ale": "emulator alone", "robot": "robot"}
-"""Environments, in the order of training, and what they are called."""
+"""Environments in the order of training, each with its name for people."""
 _SAME = ("preset", "learner", "steps", "seed")
-"""Options in which all results of a file are alike."""
+"""Options that all results of a file share."""
 _TOLD = ("agent_steps", "wall_seconds", "random_reward", "git_commit", "git_dirty", "machine")
-"""What is told of a run's ``summary.json``."""
+"""Figures that are taken from a run's ``summary.json``."""
 
 
 @dataclass(frozen=True)
 class Options(TrainingOptions):
-    """Train a robot and its twin without a body on each game, for as many steps, and play both."""
+    """Train a robot and its twin without a body on each game, equally long, and play both."""
 
     game: Annotated[tuple[str, ...], MinLen(1)] = tuple(ANCHORS)
     """Games; any that ale-py bundles."""
     preset: PresetName = "robot"
     """Preset of all runs, twins included."""
     steps: FromOne = 300_000
-    """Agent steps of each run, the warm-up included."""
+    """Length of each run, in agent steps, including the warm-up."""
 
     def check(self) -> None:
         super().check()
@@ -68,7 +68,7 @@ class Options(TrainingOptions):
             check_game(game)
 
     def flags(self, game: str, env: str) -> list[str]:
-        """Returns the flags of a run's learner, without those of its folder and its steps."""
+        """Returns the flags of a run's learner, without its folder and its steps."""
         run = ["--preset", self.preset, "--env", env, "--game", game, "--seed", f"{self.seed}"]
         return [*run, "--evaluators", "0", *shlex.split(self.learner)]
 
@@ -79,7 +79,7 @@ class Options(TrainingOptions):
 def measure(options: Options) -> Report:
     about = {name: getattr(options, name) for name in _SAME}
     found = resumed(options.json, about, "games of this budget, seed and these flags")
-    found.pop("rows", None)  # they are of fewer games
+    found.pop("rows", None)  # the old rows have fewer games
     title = f"after {options.steps:,} agent steps, preset {options.preset} {options.learner}"
     asked = [{"game": game, "env": env} for game in options.game for env in BODIES]
     runs = measure_missing(options.json, found, "runs", asked, partial(_train, options))
@@ -103,7 +103,7 @@ def _train(options: Options, game: str, env: str) -> dict[str, Any]:
 
 
 def share_of_rise(random: float | None, twin: float, robot: float) -> float | None:
-    """Returns how much of its twin's rise over random play a robot has; None if there is none."""
+    """Returns a robot's rise over random play as a share of its twin's; None if that is none."""
     return None if random is None or twin <= random else (robot - random) / (twin - random)
 
 

@@ -1,9 +1,8 @@
-"""`python -m benchmarks.lab.ladder --rung R3`: the way from the emulator to the robot, rung by
-rung.
+"""`python -m benchmarks.lab.ladder --rung R3`: from the emulator to the robot, rung by rung.
 
-Each rung is the program's own configuration, and each adds one difficulty to another one, so that
-a rung that is missed says what holds learning back. An ablation is a rung with other settings and a
-name of its own: `--rung R5 --label vector --learner="--play.vector"`.
+Each rung is a configuration of the program and adds one difficulty to another rung, so that a rung
+that is missed shows what holds learning back. An ablation is a rung with other settings and a name
+of its own: `--rung R5 --label vector --learner="--play.vector"`.
 
 R1  the emulator alone
 R2  the emulator under keys as late as the robot's: none at all for two frames, then the new ones
@@ -33,8 +32,9 @@ from common.run.folder import RunFolder, write_atomically
 Rung = Literal["R1", "R2", "R3", "R4", "R5"]
 
 PRESS = 2
-"""Frames that the game plays without a new command's keys: the robot's median, 50 ms by `python -m
-benchmarks.lab.press_latency`, has them in the third. The old command's keys are let go at once."""
+"""Frames that the game plays without a new command's keys. The robot's median latency, 50 ms by
+`python -m benchmarks.lab.press_latency`, presses them in the third frame. The old command's keys
+are released at once."""
 FLAGS: dict[Rung, list[str]] = {
     "R1": ["--env", "ale"],
     "R2": ["--env", "ale", "--play.press-latency", f"{PRESS}"],
@@ -45,7 +45,7 @@ FLAGS: dict[Rung, list[str]] = {
 HUMAN = 9.3
 """Mean of Mnih et al.'s professional tester in Pong (2015, extended data table 2)."""
 MILESTONES = {"0": 0.0, "human": HUMAN, "18": 18.0}
-"""Scores in Pong whose first time is told, by their names in the columns."""
+"""Scores in Pong for which the table has the first time, by their names in the columns."""
 COLUMNS = (
     "rung", "label", "game", "seed", "flags", "agent_steps", "updates", "wall_seconds",
     "random_reward", "best_test_reward",
@@ -54,18 +54,19 @@ COLUMNS = (
     "press_match_share", "valid_frame_share", "cpu", "cores", "device", "git_commit", "git_dirty",
     "note",
 )  # fmt: skip
-"""``steps_to_0`` and the like: agent steps and wall-clock seconds at the end of the first epoch
-whose training games had that mean; empty if there was none. ``flags`` have the names of the row's
-commit. ``note``: what keeps them from reproducing the row there; written by hand."""
+"""Columns of the table. ``steps_to_0`` and the like: agent steps and wall-clock seconds at the end
+of the first epoch whose training games had that mean; empty if there was none. ``flags`` use the
+names of the row's commit. ``note``, written by hand: why the flags do not reproduce the row there.
+"""
 
 
 @dataclass(frozen=True)
 class Options:
-    """Train one rung of the ladder and evaluate what it learned; a row of results for each seed."""
+    """Train one rung of the ladder and evaluate it; each seed adds a row of results."""
 
     rung: Rung
     steps: FromOne = 1_000_000
-    """Agent steps of each run; the same command resumes a run that was stopped."""
+    """Length of each run, in agent steps; the same command resumes a run that was stopped."""
     seeds: FromOne = 1
     """Number of runs, each with a seed of its own."""
     seed: Count = 1
@@ -73,11 +74,11 @@ class Options:
     game: str = "pong"
     """Game: any that ale-py bundles, in snake_case."""
     preset: Literal["fast", "robot"] = "robot"
-    """Preset of the run; rungs can be compared only under the same one."""
+    """Preset of the run; compare only rungs with the same preset."""
     label: str = ""
-    """Name of an ablation, where --learner has other settings than the rung."""
+    """Name of an ablation, where --learner changes settings of the rung."""
     games: FromOne = 30
-    """Games of each evaluation."""
+    """Number of games of each evaluation."""
     epsilon: Fraction = EPSILON
     """Share of random actions in each evaluation."""
     learner: str = ""
@@ -85,10 +86,10 @@ class Options:
     runs: Path = Path("runs")
     """Folder that holds the runs."""
     output: Path = Path("benchmarks/results/ladder.csv")
-    """Table to which the rows are added; beside it go each run's epochs and a JSON of its games."""
+    """Table to which the rows are added; each run's epochs and a JSON of its games go beside it."""
 
     def flags(self, seed: int) -> list[str]:
-        """Returns the flags of the learner, without those of its folder."""
+        """Returns the flags of the learner, without its folder."""
         run = ["--preset", self.preset, "--game", self.game, "--seed", f"{seed}"]
         return [*run, *FLAGS[self.rung], *shlex.split(self.learner)]
 
@@ -98,7 +99,7 @@ class Options:
 
 
 def climb(options: Options, seed: int) -> dict[str, Any]:
-    """Train and evaluate one run; its row."""
+    """Train and evaluate one run; returns its row."""
     folder = RunFolder(options.runs, options.run_name(seed))
     summary = train(folder, options.steps, options.flags(seed))
     results = options.output.parent
@@ -117,7 +118,7 @@ def row_of(
     evaluation: dict[str, Any],
     epochs: Sequence[EpochRow],
 ) -> dict[str, Any]:
-    """What the run's files tell, by `COLUMNS`."""
+    """Returns a row with `COLUMNS`, from the run's files."""
     found = {
         **summary,
         **evaluation,
@@ -145,7 +146,7 @@ def _milestones(epochs: Sequence[EpochRow]) -> dict[str, float | None]:
 
 
 def add_row(path: Path, row: dict[str, Any]) -> None:
-    """Adds ``row`` to the table at ``path``, in place of what it had of the same run."""
+    """Adds ``row`` to the table at ``path``, in place of an earlier row of the same run."""
 
     def identity(of: Mapping[str, Any]) -> tuple[str, ...]:
         flags = (PRESENT_FLAGS.get(each, each) for each in shlex.split(of["flags"]))

@@ -1,4 +1,4 @@
-"""What it costs an actor to be watched: `python -m benchmarks.lab.live_views`."""
+"""`python -m benchmarks.lab.live_views`: what it costs an actor to be watched."""
 
 import statistics
 import threading
@@ -23,16 +23,16 @@ from common.run.presets import PRESETS
 from common.transport.zenoh_transport import connect, open_hub
 
 _SETTLING = 50
-"""Steps before the first look."""
+"""Steps before the first picture."""
 _IDLE = 100_000
 
 
 @dataclass(frozen=True, kw_only=True)
 class Options(BenchmarkOptions):
-    """Look at an actor from each viewpoint, and while nobody looks; one thread."""
+    """Time the pictures of an actor from each viewpoint, and a step without any; one thread."""
 
     looks: FromOne = 5
-    """Number of looks from each viewpoint."""
+    """Number of pictures from each viewpoint."""
 
 
 def measure(options: Options) -> Report:

@@ -1,7 +1,7 @@
-"""How the experiments train and evaluate a policy: by `python -m learner`, as anybody would.
+"""Trains and evaluates policies for the experiments, by `python -m learner` as users do.
 
-`train` makes a run of given flags, or resumes it, and `evaluate` plays whole games.
-`summary_of_all`, `scores_of` and `settings_of` are what files tell of a run or a network.
+`train` starts or resumes a run with given flags, and `evaluate` plays whole games.
+`summary_of_all`, `scores_of` and `settings_of` read the files of a run or a network.
 """
 
 import json
@@ -23,14 +23,15 @@ from common.run.folder import RunFolder
 from common.run.origin import origin_of
 
 EPSILON = 0.001
-"""Share of random actions in evaluations, unless another is asked for."""
+"""Default share of random actions in evaluations."""
 _MOST_OVER = 2_000
-"""Agent steps that actors may play, and a tenth of the run, until its learner has ended."""
+"""Agent steps that actors may play beyond a run's end before its learner has ended, besides a tenth
+of the run."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class TrainingOptions(BenchmarkOptions):
-    """The flags of every experiment that trains."""
+    """The flags that every experiment with training has."""
 
     learner: str = ""
     """More flags for `python -m learner`, as in --learner="--play.sticky 0.25"."""
@@ -42,25 +43,24 @@ class TrainingOptions(BenchmarkOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class PlayingOptions(BenchmarkOptions):
-    """The flags of every experiment that plays whole games by a network."""
+    """The flags that every experiment has in which a network plays whole games."""
 
     network: tyro.conf.Positional[WeightsFile]
-    """A published policy, or a checkpoint in its run's folder."""
+    """Network that plays: a published policy, or a checkpoint in its run's folder."""
     games: FromOne = 10
-    """Games of each evaluation."""
+    """Number of games of each evaluation."""
     epsilon: Fraction = EPSILON
     """Share of random actions."""
 
 
 def train(folder: RunFolder, steps: int, flags: Sequence[str]) -> dict[str, Any]:
-    """Trains the run in ``folder`` until it has so many agent steps; resumes it if it has begun.
+    """Trains the run in ``folder`` for ``steps`` agent steps in all; resumes it if it has begun.
 
     Returns:
         its ``summary.json``.
 
     Raises:
-        InputError: the run failed, why is on the terminal; or it was stopped before; or what is in
-            the folder was trained for longer.
+        InputError: the run failed and printed why, was stopped early, or was trained for longer.
     """
     if folder.summary.exists():
         trained = int(json.loads(folder.summary.read_bytes())["agent_steps"])
@@ -77,10 +77,10 @@ def train(folder: RunFolder, steps: int, flags: Sequence[str]) -> dict[str, Any]
 
 
 def summary_of_all(folder: RunFolder, steps: int) -> dict[str, Any]:
-    """Returns the ``summary.json`` of a run that was to have so many agent steps.
+    """Returns the ``summary.json`` of a run that was to have ``steps`` agent steps.
 
     Raises:
-        InputError: it was stopped before.
+        InputError: the run was stopped early.
     """
     summary: dict[str, Any] = json.loads(folder.summary.read_text())
     if summary["agent_steps"] < steps:
@@ -103,7 +103,7 @@ def scores_of(
 
 
 def first_at(scores: Sequence[tuple[EpochRow, float]], least: float) -> EpochRow | None:
-    """Returns the first epoch whose mean score was at ``least`` that; None if there was none."""
+    """Returns the first epoch with a mean score of at ``least`` that; None if there is none."""
     return next((row for row, mean in scores if mean >= least), None)
 
 
@@ -115,13 +115,13 @@ def evaluate(
     *,
     quiet: bool = False,
 ) -> dict[str, Any]:
-    """Returns what the evaluation wrote as JSON; its table goes to the terminal unless ``quiet``.
+    """Returns the JSON of an evaluation; its table goes to the terminal unless ``quiet``.
 
     Args:
-        flags: settings other than those under which the network was trained.
+        flags: settings that differ from those of the network's training.
 
     Raises:
-        InputError: the games cannot be played; why is on the terminal.
+        InputError: the evaluation failed and printed why.
     """
     with scratch() as folder:
         found = folder / "evaluation.json"
@@ -132,12 +132,12 @@ def evaluate(
 
 
 def settings_of(network: Path) -> RunConfig:
-    """Returns the settings under which a network was trained.
+    """Returns the settings of a network's training.
 
     Raises:
-        InputError: nobody knows them.
+        InputError: they are unknown.
     """
     trained = origin_of(network)
     if trained is None:
-        raise InputError(f"{network} has neither a card nor a run's folder beside it: get them.")
+        raise InputError(f"{network} has neither a card nor a run's folder beside it: add one.")
     return trained

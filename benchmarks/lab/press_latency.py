@@ -1,7 +1,7 @@
-"""`python -m benchmarks.lab.press_latency`: from a command to its keys, for every pair of actions.
+"""`python -m benchmarks.lab.press_latency`: time from command to keys, for every pair of actions.
 
-Half of the changes begin after the old keys were held for a while, half one agent step after the
-old command, as in play. Times are whole emulator frames of 16.7 ms.
+Half of the changes begin after the old keys were held for a while. The other half begin one agent
+step after the old command, as in play. Times are whole emulator frames of 16.7 ms.
 """
 
 from collections import defaultdict
@@ -40,12 +40,12 @@ _NAMES = ["".join(key.name[0] for key in keys if key.name) or "·" for keys in K
 
 @dataclass(frozen=True)
 class Options(BenchmarkOptions):
-    """Measure how promptly a robot's hands obey."""
+    """Measure how soon a robot's hands hold the commanded keys."""
 
     robot: str = PlayConfig.robot
     """Robot whose hands are measured."""
     repetitions: FromOne = 4
-    """Times that each of the 306 changes is made from held keys, and again in play."""
+    """Number of times that each of the 306 changes is made from held keys, and again in play."""
     seed: Annotated[int, Ge(0)] = 1
     """Seed of the order of the changes."""
     output: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
@@ -82,7 +82,7 @@ def table(median: NDArray[np.float64]) -> Table:
 
 
 def sentences(latency: Latency, settled: Latency, unsettled: Latency) -> list[str]:
-    """What all changes came to, and whether the goals are kept."""
+    """Returns the figures of all changes as sentences, and whether the goals are met."""
     kept = (
         latency.p50_ms <= AGENT_STEP_MS + 0.1
         and latency.p99_ms <= 2 * AGENT_STEP_MS + 0.1
@@ -114,7 +114,7 @@ def measure(options: Options) -> Report:
     settled = Latency.of([change for change in found if change.settled])
     unsettled = Latency.of([change for change in found if not change.settled])
     median, worst = tables(found)
-    content = strict(  # a time that does not exist is null
+    content = strict(  # strict JSON: a missing time is null, not NaN
         {
             "robot": options.robot,
             "title": "Command to keys",

@@ -1,10 +1,10 @@
 """`python -m benchmarks.lab.race --env ale --seeds 3 --json FILE`: how soon training plays well.
 
-One run after another trains from scratch for a number of agent steps that is fixed before; keep the
-machine quiet meanwhile. No evaluator disturbs them: each run keeps its weights every so often, and
-afterwards each of these plays whole games, and the last ones the three evaluations of --headline.
-The same command resumes what was interrupted, and the wall clock of a run is that of all its parts;
-only a learner ended by kill -9 forgets the time since its last checkpoint.
+One run after another trains from scratch for a fixed number of agent steps; keep the machine quiet
+meanwhile. No evaluator disturbs them. Each run keeps its weights at intervals; afterwards all of
+them play whole games, and the last ones also play the three evaluations of --headline. The same
+command resumes what was interrupted, and a run's wall clock is the sum over its parts. Only a
+learner ended by kill -9 loses the time since its last checkpoint.
 
 `python -m benchmarks.figures.plot --figure race FILE …` draws the tests against the wall clock.
 """
@@ -35,35 +35,35 @@ from learner.phases import RECENT_GAMES
 _PEER = "stable-baselines3 DQN"
 _TEST_EPSILON = ProtocolConfig.test_epsilon
 _SAME = ("env", "game", "preset", "learner", "steps", "every", "games")
-"""Options in which all results of a file are alike."""
+"""Options that all results of a file share."""
 _TOLD = ("preset", "agent_steps", "updates", "wall_seconds", "git_commit", "git_dirty", "machine")
-"""What is told of a run's ``summary.json``."""
+"""Figures that are taken from a run's ``summary.json``."""
 
 
 @dataclass(frozen=True)
 class Options(TrainingOptions):
-    """Train from scratch, and tell when training games and tests first had a mean of 0, of a
+    """Train from scratch, and measure when training games and tests first had a mean of 0, of a
     human's 9.3 and of 18."""
 
     env: str = "robot"
-    """The emulator alone, or the robot."""
+    """Environment: the emulator alone, or the robot."""
     game: str = "pong"
-    """Any game that ale-py bundles."""
+    """Game: any that ale-py bundles."""
     preset: PresetName | None = None
     """Preset of the runs; by default that of the environment."""
     label: str = ""
-    """Words for these settings, for the figure's legend and the names of the runs."""
+    """Label of these settings in the figure's legend and the names of the runs."""
     steps: FromOne = 500_000
-    """Agent steps of each run, the warm-up included."""
+    """Length of each run, in agent steps, including the warm-up."""
     seeds: FromOne = 3
     """Number of runs, each with a seed of its own."""
     every: FromOne = 25_000
     """Agent steps between the weights that are tested."""
     games: FromOne = 5
-    """Games of the test of each of these weights, with 0.05 random actions."""
+    """Number of games in the test of each of these weights, with 0.05 random actions."""
     peer: bool = False
-    """Also train stable-baselines3's DQN, for as long as the longest run, with the warm-up and the
-    ε of ours, and tell its training games. It plays Pong by the emulator alone."""
+    """Also train stable-baselines3's DQN for as long as the longest run, with our warm-up and ε,
+    and show its training games. It plays Pong by the emulator alone."""
 
     def check(self) -> None:
         super().check()
@@ -71,7 +71,7 @@ class Options(TrainingOptions):
             raise InputError("--peer plays Pong by the emulator alone: omit it, or add --env ale.")
 
     def flags(self, seed: int) -> list[str]:
-        """Returns the flags of a run's learner, without those of its folder and its steps."""
+        """Returns the flags of a run's learner, without its folder and its steps."""
         preset = ["--preset", self.preset] if self.preset else []
         game = ["--env", self.env, "--game", self.game, "--seed", f"{seed}", "--evaluators", "0"]
         kept = ["--keep-snapshots", "--protocol.epoch-steps", f"{self.every}"]
@@ -144,7 +144,8 @@ def _train_peer(options: Options, seconds: float) -> dict[str, Any]:
 
 
 def _test(options: Options, run: dict[str, Any], test: dict[str, Any] | None) -> None:
-    """Plays the weights of a test of ``run``, or for the headline its last."""
+    """Plays games with the weights of a ``test`` of ``run``; without one, the headline's games
+    with its last weights."""
     folder = options.folder(run["seed"])
     if test is None:
         games = EvaluationOptions.games

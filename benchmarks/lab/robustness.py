@@ -1,10 +1,9 @@
-"""`python -m benchmarks.lab.robustness policies/robot_pong.safetensors --json FILE`: a policy in
-worlds other than its own.
+"""`python -m benchmarks.lab.robustness policies/robot_pong.safetensors --json FILE`: other worlds.
 
-Each cell of a grid adds an actuation latency to the hands and a fault to the eye, and nothing is
-learned. The same command plays the cells that are missing from FILE, so a grid that was
-interrupted goes on. `python -m benchmarks.figures.plot --figure robustness FILE` draws it as a heat
-map, or as a curve where there is one optics only, as with
+A policy plays in worlds other than its own. Each cell of a grid adds an actuation latency to the
+hands and a fault to the eye; nothing is learned. The same command plays the cells that are missing
+from FILE, and so continues an interrupted grid. `python -m benchmarks.figures.plot --figure
+robustness FILE` draws it as a heat map, or as a curve if there is only one optics, as with
 
     --optics nominal --latencies 0 4 8 12 16 20 24 30 36
 """
@@ -38,11 +37,13 @@ OPTICS: dict[Optics, dict[str, str]] = {
     "light": {"randomise.gamma": "1.6", "randomise.ambient": "0.2", "randomise.glare": "0.3"},
     "late": {"camera.dropped": "0.1", "camera.latency": "1"},
 }
-"""Settings of the eye. Noise in grey levels; the head's pose in degrees; the screen's distance, the
-ambient light and the glare as shares; 10 % of the pictures lost and all one agent step late."""
+"""Settings of the eye. Noise is in grey levels, the head's pose in degrees; the screen's distance,
+ambient light and glare are shares. In "late", 10 % of the pictures are lost and all are one agent
+step late."""
 _USUAL = flat(RunConfig())
 _OFF = {name: f"{_USUAL[name.replace('-', '_')]}" for each in OPTICS.values() for name in each}
-"""The same settings where they change nothing, so that a cell is the same for every network."""
+"""The same settings with values that change nothing, so that a cell is the same for all networks.
+"""
 _KEPT = (
     "games", "mean", "deviation", "iqm", "iqm_low", "iqm_high", "least", "most", "steps", "scores",
     "press_match_share", "valid_frame_share", "git_commit", "git_dirty",
@@ -58,16 +59,16 @@ class Options(PlayingOptions):
     latencies: Annotated[tuple[Annotated[int, Ge(0), Le(MAX_ADDED)], ...], MinLen(1)] = _LATENCIES
     """Added actuation latencies, emulator frames of 16.7 ms: 0, 33, 67, 133 and 200 ms."""
     optics: Annotated[tuple[Optics, ...], MinLen(1)] = tuple(OPTICS)
-    """Optics: nominal; grain, noise and blur; pose, of head and screen; light, gamma, ambient light
-    and glare; late, lost and late pictures."""
+    """Optics: nominal; grain (noise and blur); pose (of head and screen); light (gamma, ambient
+    light and glare); late (lost and late pictures)."""
     sticky: Fraction = 0.0
-    """Repeat probability of the console."""
+    """Probability of the console's sticky actions."""
     robot: str | None = None
-    """Robot by which it plays, instead of its own."""
+    """Robot that plays, instead of the policy's own."""
     seed: FromOne = 1
     """Seed of the games."""
     card: bool = False
-    """Put mean and worst of the grid into the network's card too, for `ale-robot policies`."""
+    """Also write mean and worst of the grid into the network's card, for `ale-robot policies`."""
 
     def check(self) -> None:
         super().check()
@@ -76,8 +77,8 @@ class Options(PlayingOptions):
         grid = self.latencies, self.optics, self.sticky, self.robot
         if self.card and grid != (_LATENCIES, tuple(OPTICS), 0.0, None):
             raise InputError(
-                "--card tells of the whole grid by its own robot: omit --latencies, --optics, "
-                "--sticky, --robot."
+                "--card needs the whole grid with the policy's own robot: omit --latencies, "
+                "--optics, --sticky, --robot."
             )
         if self.card and not self.network.with_suffix(".json").is_file():
             raise InputError(
@@ -113,7 +114,7 @@ def measure(options: Options) -> Report:
         "seed": options.seed,
     }
     found = resumed(options.json, about, "grid of this network, robot, games, ε, sticky and seed")
-    found.pop("rows", None)  # they are of fewer cells
+    found.pop("rows", None)  # the old rows have fewer cells
     asked = [(optics, late) for optics in options.optics for late in options.latencies]
     places = [{"optics": optics, "latency": late} for optics, late in asked]
     cells = measure_missing(options.json, found, "cells", places, partial(_play, options))
@@ -158,7 +159,7 @@ def _add_to_card(network: Path, grid: Grid, sha256: str) -> None:
     file = network.with_suffix(".json")
     card = json.loads(file.read_bytes())
     if card.get("sha256") != sha256:
-        raise InputError(f"{file} is of another network than {network.name}: publish it anew.")
+        raise InputError(f"{file} is not the card of {network.name}: publish that again.")
     card["grid"] = grid._asdict()
     write_atomically(file, (json.dumps(card, indent=2) + "\n").encode())
 

@@ -1,8 +1,8 @@
-"""`python -m benchmarks.lab.sight`: does the robot see, and how well.
+"""`python -m benchmarks.lab.sight`: measures how well the robot sees.
 
-Three measurements: the corners of the screen against where they really are, from random poses of
-the camera; the unwarped frame against the emulator's own; and whether a linear probe reads ball
-and paddles off the frames.
+There are three measurements: the detected corners of the screen against their true places, from
+random poses of the camera; the unwarped frame against the emulator's own; and how well a linear
+probe reads ball and paddles off the frames.
 """
 
 from collections.abc import Sequence
@@ -34,7 +34,7 @@ from viewer import overlay
 MOST_PIXELS = 1.5
 MOST_DIFFERENCE = 8.0
 LEAST_EXPLAINED = (0.98, 0.98, 0.95, 0.95)
-"""Goals: corners' p95; grey levels on Pong; R² of `QUANTITIES`."""
+"""Goals: p95 of the corners, pixels; difference on Pong, grey levels; R² of `QUANTITIES`."""
 
 _COLUMNS = 4
 _FOUND, _LOST = (255, 0, 255), (255, 160, 0)
@@ -52,13 +52,13 @@ class Options(BenchmarkOptions):
     )
     """Games on the screen."""
     poses: FromOne = 40
-    """Poses for each of the cameras; every game is looked at from each."""
+    """Number of poses of each camera; every game is seen from each of them."""
     frames: Annotated[int, Ge(200)] = 7_000
-    """Pictures of Pong for the probe; fewer than two thirds have the ball in play."""
+    """Number of pictures of Pong for the probe; fewer than two thirds have the ball in play."""
     seed: int = 1
     """Seed of poses, play and faults."""
     output: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
-    """PNG of samples with the corners found."""
+    """PNG file of sample pictures with the detected corners."""
 
     def check(self) -> None:
         super().check()
@@ -67,7 +67,7 @@ class Options(BenchmarkOptions):
 
 
 def page(looks: Sequence[Look]) -> NDArray[np.uint8]:
-    """All of ``looks`` with the found corners drawn, ``uint8 [rows, columns, 3]``."""
+    """Returns all of ``looks`` with the found corners drawn, ``uint8 [rows, columns, 3]``."""
     pictures = [_drawn(look) for look in looks]
     pictures += [np.zeros_like(pictures[0])] * (-len(pictures) % _COLUMNS)
     rows = [pictures[i : i + _COLUMNS] for i in range(0, len(pictures), _COLUMNS)]
@@ -79,7 +79,7 @@ def _drawn(look: Look) -> NDArray[np.uint8]:
     picture = np.asarray(large, np.uint8)
     label = f"{look.case.name} - {look.game}"
     if look.sight.corners is not None:
-        # Corners count pixels' middles.
+        # Whole numbers in corners are pixel centres.
         corners = np.round((look.sight.corners + 0.5) * 1.5 * 16 - 8).astype(np.int32)
         cv2.polylines(picture, [corners], True, _FOUND, 1, cv2.LINE_AA, 4)
     frame = cv2.cvtColor(look.sight.frame, cv2.COLOR_GRAY2RGB)
@@ -91,7 +91,7 @@ def _drawn(look: Look) -> NDArray[np.uint8]:
 
 
 def look_around(options: Options) -> tuple[dict[str, dict[str, Tally]], list[Look]]:
-    """Returns what came of each case, and its first look, at another game each time."""
+    """Returns the tallies of each case by game, and a first look per case, each at another game."""
     rng, tallies, first = np.random.default_rng(options.seed), {}, []
     for number, case in enumerate(cases()):
         looks: list[Look] = []
@@ -102,7 +102,7 @@ def look_around(options: Options) -> tuple[dict[str, dict[str, Tally]], list[Loo
 
 
 def read_off(options: Options) -> list[dict[str, Any]]:
-    """The probe's R² by where the frames come from."""
+    """Returns the probe's R² for each source of frames."""
     rows = []
     for title, eye in (("perfect camera", PERFECT), ("all faults", FAULTS)):
         frames = collect(options.frames, eye, options.seed)
@@ -180,7 +180,7 @@ def measure_sight(options: Options) -> Report:
 
 
 def _row(figures: dict[str, Any], *without: str) -> dict[str, Any]:
-    """Without some columns, and numbers as they should be read."""
+    """Returns a row without some columns, its numbers formatted for people."""
 
     def cell(name: str, value: Any) -> Any:
         if name == "found":

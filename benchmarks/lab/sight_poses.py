@@ -1,7 +1,7 @@
-"""Looking at the screen from many poses: how well its corners are found, and what is then seen.
+"""Detects the screen from many poses: errors of its corners, and of the frames that are then seen.
 
-Every picture is searched by a new detector, which knows nothing of an earlier place, unless the
-case is that arms rise before a screen that it had seen.
+A new detector, which knows no earlier place, searches each picture; except in the cases in which an
+arm rises before a screen that was already detected.
 """
 
 from collections.abc import Callable
@@ -28,17 +28,17 @@ from common.run.conditions import (
 )
 
 POSES = RandomiseConfig(head_pose=10.0, screen_distance=0.15)
-"""Poses from which each case is looked at."""
+"""Range of the poses from which each case is seen."""
 
 _HIDDEN = (0.01, 0.25)
 """Share of the projected picture, border included, that raised arms hide."""
 _POSE_LOW, _POSE_HIGH = (-0.9, -0.31, -1.2, -1.2), (-0.1, 0.0, 0.6, -0.1)
-"""Joint angles of a raised left arm, among which some are in view."""
+"""Bounds of the joint angles of a raised left arm; some of these poses are in view."""
 
 
 @dataclass(frozen=True)
 class Eye:
-    """A camera with its faults, and what differs from pose to pose."""
+    """A camera with its faults, and the ranges of what differs from pose to pose."""
 
     camera: CameraConfig = PERFECT_CAMERA
     changes: RandomiseConfig = NOTHING_DRAWN
@@ -49,12 +49,12 @@ FAULTS = Eye(
     CameraConfig(noise=8.0, blur=1.0, distortion=0.06, ambient=0.15),
     RandomiseConfig(exposure=0.3, colour=0.2, gamma=1.6, glare=0.4, screen_tilt=5.0),
 )
-"""All faults at once that a single picture can have."""
+"""All faults that a single picture can have, at once."""
 
 
 @dataclass(frozen=True)
 class Case:
-    """An eye, and when an arm is raised before the screen, if at all."""
+    """An eye, and when, if at all, an arm is raised in front of the screen."""
 
     name: str
     eye: Eye = PERFECT
@@ -62,7 +62,10 @@ class Case:
 
 
 def cases() -> list[Case]:
-    """A perfect eye, each fault alone, all of them, and these two with an arm in front."""
+    """Returns the cases: a perfect eye, each fault alone, and all faults.
+
+    The perfect eye and all faults come also with an arm in front of the screen.
+    """
     alone = [
         Case(name.replace("_", " "), replace(PERFECT, **{part: replace(usual, **{name: value})}))
         for part, usual in vars(PERFECT).items()
@@ -82,11 +85,11 @@ def cases() -> list[Case]:
 
 @dataclass
 class Tally:
-    """What came of one case and game."""
+    """The results of one case and game."""
 
     pictures: int = 0
     errors: list[float] = field(default_factory=list)
-    """Of the worst corner of each picture in which the screen was found, pixels."""
+    """Error of the worst corner of each picture in which the screen was found, pixels."""
     differences: list[float] = field(default_factory=list)
     """Mean absolute differences to the emulator's own 84×84 frames, grey levels."""
 
@@ -98,7 +101,7 @@ class Tally:
         )
 
     def figures(self) -> dict[str, Any]:
-        """Counts and percentiles; None where nothing was found."""
+        """Returns counts and percentiles; None where nothing was found."""
         p50, p95 = np.percentile(self.errors, [50, 95]).tolist() if self.errors else (None, None)
         return {
             "pictures": self.pictures,
@@ -119,7 +122,7 @@ class Look:
     picture: NDArray[np.uint8]
     sight: Detection
     truth: NDArray[np.float64]
-    """``[4, 2]``, as `Detection.corners`."""
+    """True corners, ``[4, 2]``, as `Detection.corners`."""
 
 
 def measure(
@@ -129,7 +132,7 @@ def measure(
     rng: Generator,
     keep: Callable[[Look], object] = lambda look: None,
 ) -> dict[str, Tally]:
-    """Look from so many poses at each game; ``keep`` gets every look."""
+    """Detects each game's screen from many poses; ``keep`` gets every look."""
     room = Nao()
     emulators = {game: Emulator(game, int(rng.integers(2**31))) for game in games}
     tallies = {game: Tally() for game in games}
@@ -158,7 +161,7 @@ def measure(
 
 
 def corners_in(room: Nao) -> NDArray[np.float64]:
-    """Where the game's corners are in the robot's picture, by the room's geometry: ``[4, 2]``."""
+    """Returns the game's corners in the robot's picture by the room's geometry, ``[4, 2]``."""
     left_top, right_top, _, left_bottom = room.furniture.picture_corners
     across, down = right_top - left_top, left_bottom - left_top
     return room.seen_at(
@@ -167,20 +170,20 @@ def corners_in(room: Nao) -> NDArray[np.float64]:
 
 
 def begin_game(room: Nao, eye: Eye, poses: RandomiseConfig, rng: Generator) -> None:
-    """Let the robot, hands at rest, see with ``eye`` from one of ``poses``."""
+    """Puts the robot's hands at rest, and its ``eye`` in one of ``poses``."""
     ranges = replace(eye.changes, head_pose=poses.head_pose, screen_distance=poses.screen_distance)
     room.begin_game(draw(PlayConfig(), eye.camera, ranges, rng.random), rng)
     room.arms.settle()
 
 
 def _raise_arm(room: Nao, rng: Generator) -> None:
-    """Somewhere before the projected picture, hiding as much of it as `_HIDDEN` says."""
+    """Raises an arm in front of the projected picture, hiding as much of it as `_HIDDEN` says."""
     while not _HIDDEN[0] < _hidden_share(room) < _HIDDEN[1]:
         room.arms.left.place(rng.uniform(_POSE_LOW, _POSE_HIGH))
 
 
 def _hidden_share(room: Nao) -> float:
-    """Share of the projected picture's pixels before which the robot's body is."""
+    """Returns the share of the projected picture's pixels that the robot's body hides."""
     rendering = room.view_of_robot.rendering()
     outline = room.view_of_robot.camera.project(room.furniture.picture_corners)
     inside = np.zeros(rendering.bodies.shape, np.uint8)
@@ -189,7 +192,7 @@ def _hidden_share(room: Nao) -> float:
 
 
 def _play_on(emulator: Emulator, rng: Generator) -> None:
-    """Some random play, so that each picture is another one."""
+    """Plays at random for a while, so that each picture is different."""
     for action in rng.integers(18, size=rng.integers(5, 30)).repeat(4):
         emulator.act(int(action))
     if emulator.game_over:

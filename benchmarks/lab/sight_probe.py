@@ -1,9 +1,9 @@
-"""Whether ball and paddles are in the frames: a linear probe from pixels to the console's memory.
+"""Measures whether frames show ball and paddles, by a linear probe for the console's memory.
 
-The probe is ridge regression from all 7,056 pixels of a single frame and two blurs of them, so that
-neighbouring pixels count alike: the ball is two pixels wide, and where it was never seen while
-learning, plain pixels know nothing. It stays linear in the pixels. Its strength is chosen on the
-last fifth of what it learns from, and it is judged on later play than all of that.
+The probe is ridge regression from all 7,056 pixels of a single frame and two blurs of them. The
+blurs let neighbouring pixels count alike: the ball is two pixels wide, and plain pixels would know
+nothing about places at which it was never seen in training. The probe stays linear in the pixels.
+Its strength is chosen on the last fifth of its training data, and it is tested on later play.
 """
 
 from dataclasses import dataclass
@@ -20,40 +20,41 @@ from benchmarks.lab.sight_poses import Eye, begin_game
 from common.run.conditions import NOTHING_DRAWN
 
 QUANTITIES = {"own paddle's y": 51, "other paddle's y": 50, "ball's x": 49, "ball's y": 54}
-"""Where Pong keeps them (Anand et al. 2019, AtariARI)."""
+"""Addresses in Pong's memory of what is probed (Anand et al. 2019, AtariARI)."""
 _STRENGTHS = (1e-3, 1e-2, 1e-1, 1.0, 10.0, 100.0)
-"""Of the ridge, for pixels from 0 to 1."""
+"""Strengths of the ridge that are tried, for pixels from 0 to 1."""
 _FOLLOWS = ("own paddle's y", "ball's y")
 _MIDDLE = 8
-"""Of the paddle, in the console's rows below its upper end."""
+"""Middle of the paddle, in rows of the console below its upper end."""
 _UP, _DOWN = 2, 5
 _BLURS = (3.0, 8.0)
 """Standard deviations, pixels."""
 _MOST_FRAMES = 7
-"""From one picture to the next; with always 4 the ball would be seen at few places only."""
+"""Maximum frames from one picture to the next; if it were always 4, the ball would be seen at few
+places only."""
 _WHIMS = 0.1
-"""Chance of a random action, at each agent step, that is then held for a while."""
+"""Probability, at each agent step, of a random action that is then held for a while."""
 _MOST_HELD = 8
-"""Agent steps, at most, for which it is held."""
+"""Maximum number of agent steps for which it is held."""
 
 
 @dataclass(frozen=True)
 class Frames:
-    """Frames of Pong with the ball in play, in the order they were played."""
+    """Frames of Pong with the ball in play, in the order of play."""
 
     own: NDArray[np.uint8]
-    """The emulator's, ``uint8 [N, 84, 84]``."""
+    """Frames of the emulator, ``uint8 [N, 84, 84]``."""
     seen: NDArray[np.uint8]
-    """Through the robot's camera, likewise."""
+    """Frames seen through the robot's camera, ``uint8 [N, 84, 84]``."""
     truth: NDArray[np.float64]
-    """`QUANTITIES`, ``float64 [N, 4]``."""
+    """True `QUANTITIES`, ``float64 [N, 4]``."""
 
 
 def collect(count: int, eye: Eye, seed: int) -> Frames:
-    """Take ``count`` pictures of play; those with the ball in play and a valid frame are kept.
+    """Takes ``count`` pictures of play; returns those with the ball in play and a valid frame.
 
-    The paddle follows the ball, with random actions in between: random play alone would lose
-    nearly every ball at once, and always the same way.
+    The paddle follows the ball, with random actions in between. Random play alone would lose nearly
+    every ball at once, and always in the same way.
     """
     rng = np.random.default_rng(seed)
     emulator, room, detector = Emulator("pong", seed), Nao(), None
@@ -76,7 +77,7 @@ def collect(count: int, eye: Eye, seed: int) -> Frames:
         memory = emulator.ram()
         detection = detector.detect(room.sensor.take(room.picture(emulator.screen_rgb())))
         where = [int(memory[place]) for place in QUANTITIES.values()]
-        if detection.valid and all(where[2:]):  # the ball's are 0 while it is not in play
+        if detection.valid and all(where[2:]):  # x and y are 0 while the ball is not in play
             own.append(shrink(emulator.screen_grey()))
             seen.append(detection.frame)
             truth.append(where)
@@ -85,7 +86,7 @@ def collect(count: int, eye: Eye, seed: int) -> Frames:
 
 
 def probe(frames: NDArray[np.uint8], truth: NDArray[np.float64]) -> NDArray[np.float64]:
-    """R² of each quantity, ``float64 [4]``, on the last quarter of the frames."""
+    """Returns the R² of each quantity, ``float64 [4]``, on the last quarter of the frames."""
     pixels = _features(frames)
     learned = len(frames) * 3 // 4
     chosen_on = learned * 4 // 5
@@ -101,10 +102,10 @@ def probe(frames: NDArray[np.uint8], truth: NDArray[np.float64]) -> NDArray[np.f
 
 
 def _features(frames: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """Pixels from 0 to 1 and their blurs, each frame in a row; linear in the pixels."""
+    """Returns pixels from 0 to 1 and their blurs, a row for each frame; linear in the pixels."""
     light = np.divide(frames, 255, dtype=np.float32)
     blurs = [
-        # Scaled so that a small thing weighs as much as it does unblurred.
+        # Scaled so that a small object weighs as much as it does unblurred.
         np.stack([cv2.GaussianBlur(frame, (0, 0), width) for frame in light])
         * np.float32(2 * width * np.sqrt(np.pi))
         for width in _BLURS
@@ -115,9 +116,10 @@ def _features(frames: NDArray[np.uint8]) -> NDArray[np.float32]:
 def _predict(
     known: NDArray[np.float32], truth: NDArray[np.float64], asked: NDArray[np.float32]
 ) -> list[NDArray[np.float64]]:
-    """What ridge regressions of all `_STRENGTHS` say for ``asked``, after ``known`` frames.
+    """Returns what ridge regressions on the ``known`` frames predict for ``asked``, one for each of
+    `_STRENGTHS`.
 
-    Solved in the space of frames, which are fewer than pixels.
+    They are solved in the space of frames, of which there are fewer than pixels.
     """
     mean, usual = known.mean(axis=0), truth.mean(axis=0)
     known, asked = known - mean, asked - mean

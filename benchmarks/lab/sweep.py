@@ -2,9 +2,9 @@
 
 Each trial is a run of `python -m learner --local` with settings that the study draws. After each
 epoch the study gets the mean score of the trial's training games. It ends a trial whose score is
-below the median of the others at that epoch. The same command goes on with a study. Given in
-several terminals, or on machines that share a ``--storage``, it is so many workers. A trial whose
-worker died is begun again.
+below the median of the others at that epoch. The same command continues a study. Each terminal that
+runs it is one worker, on one machine or on several that share a ``--storage``. A trial whose
+worker died is started again.
 """
 
 import time
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 _POLL = 1.0
 _ALIVE = 60
-"""Seconds between two signs of life of a worker; after three times as long it counts as dead."""
+"""Seconds between a worker's signs of life; after three times as long it counts as dead."""
 
 
 class Axis(NamedTuple):
@@ -43,7 +43,7 @@ class Axis(NamedTuple):
 
     flag: str
     choices: tuple[str, ...] = ()
-    """Its values; or, where there are none, all between two numbers."""
+    """Values to try; if there are none, all values between two numbers."""
     low: float = 0.0
     high: float = 0.0
     log: bool = False
@@ -51,8 +51,9 @@ class Axis(NamedTuple):
 
     @classmethod
     def parse(cls, text: str) -> "Axis":
-        """Reads ``FLAG=A,B,C``, ``FLAG=LOW:HIGH`` or ``FLAG=LOW:HIGH:log``; of two whole numbers
-        only whole ones are drawn.
+        """Reads ``FLAG=A,B,C``, ``FLAG=LOW:HIGH`` or ``FLAG=LOW:HIGH:log``.
+
+        Between two whole numbers only whole numbers are drawn.
 
         Raises:
             InputError: ``text`` has another form.
@@ -95,11 +96,11 @@ class Options(BenchmarkOptions):
     trials: Count = 20
     """Number of trials of this worker."""
     steps: FromOne = 200_000
-    """Agent steps of a trial."""
+    """Length of a trial, in agent steps."""
     learner: str = ""
     """Flags of every trial, as in --learner="--env ale --preset fast"."""
     storage: str = ""
-    """Where Optuna keeps the study, as a URL; by default STUDY.db in the folder of the runs."""
+    """URL at which Optuna keeps the study; by default STUDY.db in the folder of the runs."""
     runs: Path = Path("runs")
     """Folder that holds the runs."""
     seed: Count = 1
@@ -148,7 +149,7 @@ def _play(options: Options, axes: list[Axis], trial: "Trial") -> float:
         learner = Child("learner", "--local", *place, *budget, *flags, leash=False, log=log)
         stack.callback(learner.end)
         while True:
-            over = learner.poll() is not None  # first, for its last row may come with its end
+            over = learner.poll() is not None  # asked first: its last row may come with its end
             scores = scores_of(EpochTable(folder.epochs).rows())
             for row, score in scores[told:]:
                 trial.report(score, row.epoch)
@@ -182,7 +183,7 @@ def _report(options: Options, study: "Study") -> Report:
     whole = [trial for trial in study.trials if trial.state.name == "COMPLETE"]
     best = study.best_trial.user_attrs["command"] if whole else None
     about = {"study": options.study, "steps": options.steps, "vary": options.vary}
-    note = f"best: {best} --steps {options.steps}" if best else "no trial is whole yet"
+    note = f"best: {best} --steps {options.steps}" if best else "no trial is complete yet"
     return Report.of(f"study {options.study}", rows, {**about, "best": best}, note)
 
 

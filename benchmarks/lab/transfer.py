@@ -1,8 +1,8 @@
 """`python -m benchmarks.lab.transfer policies/ale_pong.safetensors`: one network on every rung.
 
-What a network that was trained on one rung of the ladder (`benchmarks.lab.ladder`) scores on the
-others without learning anew tells which difficulty it cannot bear: the camera, the hands, or
-actuation latency.
+A network that was trained on one rung of the ladder (`benchmarks.lab.ladder`) plays on the others
+without further training. Its scores show which difficulty it cannot cope with: the camera, the
+hands, or actuation latency.
 """
 
 from dataclasses import dataclass
@@ -19,19 +19,19 @@ _TITLES: dict[Rung, str] = {
     "R5": "the robot: both",
 }
 _WITHOUT = ("--play.hand", "arm", "--play.eye", "camera", "--play.press-latency", "0")
-"""The body itself, in the place of whatever rung the network was trained on."""
+"""Flags of the full robot, which replace those of the rung that the network was trained on."""
 
 
 @dataclass(frozen=True)
 class Options(PlayingOptions):
-    """Play games by a trained network on each rung of the ladder. It must be one without the body's
-    feedback, which is not the same on all rungs."""
+    """Play games by a trained network on each rung of the ladder. The network must not use the
+    body's feedback, which is not the same on all rungs."""
 
 
 def rung_flags(rung: Rung) -> list[str]:
-    """All that a rung is, so that nothing is left of the one on which the network was trained."""
+    """Returns all flags of a rung, so that nothing is left of the network's own rung."""
     every = [*_WITHOUT, *FLAGS[rung]]
-    flags = dict(zip(every[::2], every[1::2], strict=True))  # of two values of a flag the last
+    flags = dict(zip(every[::2], every[1::2], strict=True))  # keeps the last value of a flag
     return [part for pair in flags.items() for part in pair]
 
 

@@ -107,7 +107,7 @@ class Controller(Pressed):
         return np.array([state[0] for state in states])
 
     def _depths(self) -> list[float]:
-        """As `depths`, and enforces the keys' stops."""
+        """Returns the `depths`, and enforces the keys' stops."""
         depths = [state[0] for state in self._states(self.body, self._joints)]
         for joint, depth in zip(self._joints, depths, strict=True):
             if depth > TRAVEL + _GIVE:

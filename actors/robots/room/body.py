@@ -48,7 +48,7 @@ class Limbs(ABC):
 
     @abstractmethod
     def limit_speed(self, share: float) -> None:
-        """From the next target on, let no joint be faster than ``share`` of its usual speed."""
+        """Limit each joint to ``share`` of its usual speed, from the next target on."""
 
     @abstractmethod
     def command(self, keys: Keys) -> None:

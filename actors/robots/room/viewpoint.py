@@ -69,7 +69,7 @@ class _View:
     appearance: object = None
     """What changed the rendering beside movements."""
     corners: dict[str, NDArray[np.float64]] = field(default_factory=dict)
-    """Where each link was when it was rendered last."""
+    """Corners of each link when it was last rendered."""
 
 
 @dataclass

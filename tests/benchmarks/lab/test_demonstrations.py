@@ -48,4 +48,4 @@ def test_steps_of_their_own_are_compared(tmp_path: Path, monkeypatch: pytest.Mon
         assert report.notes == ("saved agent steps: 800, 800; recorded: 300",)
     never = demonstrations.measure(replace(options, score=18.5))
     assert never.content["saved"] == [None, None]
-    assert never.notes == ("in no pair did both runs come to the score",)
+    assert never.notes == ("in no pair did both runs reach the score",)

@@ -122,7 +122,9 @@ def test_the_card_is_told_mean_and_worst_of_a_grid(games: Games, tmp_path: Path)
     file = tmp_path / "grid.json"
     with pytest.raises(InputError, match=r"p\.safetensors has no card: publish it"):
         grid(file, "--card", network=games.network)
-    with pytest.raises(InputError, match="--card tells of the whole grid by its own robot: omit"):
+    with pytest.raises(
+        InputError, match="--card needs the whole grid with the policy's own robot: omit"
+    ):
         grid(file, "--card", "--latencies", "0", "2", network=games.network)
     assert not games.flags
     card = json.loads(POLICY.with_suffix(".json").read_bytes())
@@ -137,7 +139,7 @@ def test_the_card_is_told_mean_and_worst_of_a_grid(games: Games, tmp_path: Path)
     }  # fmt: skip
     assert told == card
     (tmp_path / "p.json").write_text(json.dumps(card | {"sha256": "0" * 64}))
-    with pytest.raises(InputError, match=r"p\.json is of another network than p\.safetensors"):
+    with pytest.raises(InputError, match=r"p\.json is not the card of p\.safetensors"):
         grid(file, "--card", network=games.network)
 
 
