@@ -148,7 +148,7 @@ def test_another_robot_may_play(games: Games, tmp_path: Path) -> None:
     assert content["network"] == f"{POLICY.stem} by robotroller"
     assert {each["--play.robot"] for each in games.flags} == {"robotroller"}
     assert played(cell_flags(0, "nominal", 0.0, "robotroller")).play.robot == "robotroller"
-    with pytest.raises(InputError, match="by its own robot: omit"):
+    with pytest.raises(InputError, match="with the policy's own robot: omit"):
         grid(tmp_path / "card.json", "--card", "--robot", "robotroller")
     with pytest.raises(InputError, match="robotrolla"):
         grid(tmp_path / "none.json", "--robot", "robotrolla")
