@@ -87,7 +87,7 @@ def play(
     begins = [True] * len(envs)
     while True:
         actions = policy.act(states, vectors)
-        # The consumer of the steps may change the policy's weights while it gets these.
+        # While it takes these steps, the consumer may give the policy other weights.
         weights_version, epsilon = policy.weights_version, float(policy.epsilon)
         for i, env in enumerate(envs):
             observation, r_t, terminated, truncated, told = env.step(actions[i])

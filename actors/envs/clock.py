@@ -16,8 +16,8 @@ from common.run.conditions import FRAMES_PER_SECOND
 FRAME = 1 / FRAMES_PER_SECOND
 """Seconds of game time per emulator frame."""
 MOST_MISSED = 100
-"""Agent steps without a command after which the world pauses. A chunk counts the agent steps of a
-step in one byte, and a throttled actor should not lose its games."""
+"""Agent steps that nobody has collected, after which the world pauses. A chunk counts the agent
+steps of a step in one byte, and a throttled actor should not lose its games."""
 BREATH = 5e-5
 """Seconds that a late world waits between two frames; otherwise the agent's thread starves."""
 
@@ -85,7 +85,7 @@ class RealTime(Lockstep):
     A command takes effect when it comes, and is answered at the end of the agent step that is then
     running. An agent step for which no command came in time passes under the old command. Late
     frames are made up for at once, as fast as the machine goes. Time stands still outside episodes,
-    and after `MOST_MISSED` agent steps without a command.
+    and after `MOST_MISSED` agent steps that the agent did not collect.
 
     Args:
         speed: game seconds per second.

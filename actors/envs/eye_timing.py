@@ -1,7 +1,7 @@
 """Measures the eye's latency before a game: the screen turns white and black, and the eye is timed.
 
-No setting gives the latency away. The game could not show it either, because what moves there may
-move by itself.
+The latency is measured and not read from the settings. The game could not show it, because what
+moves there may move by itself.
 """
 
 from collections.abc import Callable

@@ -1,6 +1,6 @@
 """Measures the hands' latency before a game: each key is pressed and released, and timed.
 
-No setting gives the latency away. No game is running meanwhile.
+The latency is measured and not read from the settings. No game is running meanwhile.
 """
 
 from collections.abc import Callable

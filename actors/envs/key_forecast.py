@@ -2,8 +2,8 @@
 
 A command takes effect only after the latency of hands, network and motors. Until then the game goes
 on under earlier commands. The latency tells what these will still do, and from which frame on a
-choice matters; a Smith predictor uses the same two facts about its process. No setting gives the
-latency away: it is found by timing the keys.
+choice matters; a Smith predictor uses the same two facts about its process. The latency is found by
+timing the keys and not read from the settings.
 """
 
 from collections import deque

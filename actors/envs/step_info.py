@@ -30,8 +30,8 @@ class StepInfo(NamedTuple):
     """Whether the wait for the commanded keys ended at its bound, without them."""
     missed_deadlines: int = 0
     """In real time: agent steps that passed before this step's command, and those with a late
-    frame. Unless the agent waits for its keys, agent steps after the first one of the command count
-    too."""
+    frame. Unless the agent waits for its keys, every agent step after the command's first one
+    counts too."""
     late_frames: int = 0
     """In real time: emulator frames of this step that began more than a frame too late."""
     key_times: tuple[int, ...] = ()
