@@ -7,7 +7,8 @@ from common.run.epochs import EpochRow
 
 
 def epoch_row(scores: Sequence[float] = (), **columns: Any) -> EpochRow:
-    """Of a phase in which games with these scores ended; columns not given have plain values."""
+    """Returns the row of a phase in which games with these scores ended, with plain values
+    in all other columns."""
     plain = {
         "epoch": 0,
         "phase": "random",

@@ -103,7 +103,8 @@ def _train(options: Options, game: str, env: str) -> dict[str, Any]:
 
 
 def share_of_rise(random: float | None, twin: float, robot: float) -> float | None:
-    """Returns a robot's rise over random play as a share of its twin's; None if that is none."""
+    """Returns a robot's rise over random play as a share of its twin's; None if
+    the twin has none."""
     return None if random is None or twin <= random else (robot - random) / (twin - random)
 
 

@@ -18,7 +18,7 @@ from common.press_latency import (
 )
 
 OUTCOMES = st.lists(st.tuples(st.booleans(), st.integers(1, MOST_FRAMES)), min_size=1, max_size=60)
-"""Of commands: reached or given up, and at which age."""
+"""What became of commands: reached or given up, and at which age."""
 
 
 def counted(goal: Goal, outcomes: list[tuple[bool, int]]) -> list[int]:

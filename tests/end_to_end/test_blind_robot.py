@@ -8,7 +8,7 @@ from safetensors.numpy import load_file
 from tests.end_to_end.conftest import SMALL, Stage
 
 BLIND = ("--camera.noise=255", "--camera.blur=3")
-"""Of a camera in whose pictures no screen can be found."""
+"""Flags of a camera in whose pictures no screen can be found."""
 SOON = ("--stream.chunk-steps=2", "--replay.learning-starts=100")
 """With 0.1 minutes, a health check may be red for 6 seconds and 320 steps."""
 

@@ -70,5 +70,5 @@ def test_dqn_trains_on_the_robot() -> None:
 
 
 def loss_of(agent: Any) -> float | None:
-    """Of the last update; None before the first."""
+    """Returns the loss of the last update; None before the first."""
     return agent.logger.name_to_value.get("train/loss")

@@ -1,4 +1,4 @@
-"""Whose a run's folder is, and what a claim refuses."""
+"""Owners of a run's folder, and what a claim refuses."""
 
 import errno
 import json
