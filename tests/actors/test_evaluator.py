@@ -194,8 +194,9 @@ def test_a_test_that_the_learner_does_not_want_any_more_ends(stage: Stage) -> No
             "where the network has",
         ),
     ],
+    ids=["garbage", "no weights", "weights of another network"],
 )
-def test_a_task_that_is_none_is_told_and_not_played(
+def test_a_malformed_job_is_told_and_not_played(
     stage: Stage, payload: bytes, sentence: str
 ) -> None:
     env = NumberedEnv(TEN_STEPS_A_GAME)
