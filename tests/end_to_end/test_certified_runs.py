@@ -113,7 +113,7 @@ def test_two_runs_share_a_hub_and_do_not_see_each_other(stage: Stage, certificat
     assert f"certificates.sh {its} --runs three" in stage.start(*third, str(its)).ends(2)
     certify(certificates, "--runs", "three")
     stage.start(*third, str(certificates)).says(
-        "if nobody finds three, see whether the hub's runs.txt"
+        "if nobody finds three, check whether the hub's runs.txt"
     )
     second = stage.start(*place, "--run=two", "--certificates", str(its), *flags)
     second.says("replay of run two")

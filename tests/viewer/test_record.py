@@ -100,7 +100,7 @@ def test_it_says_what_lerobot_says_of_a_dataset(tmp_path: Path) -> None:
         stream = film.streams.video[0]
         times = [float(frame.pts * frame.time_base) for frame in film.decode(stream)]
         about = told["features"][CAMERA]["info"]
-        size = stream.height, stream.width, stream.pix_fmt, stream.codec.canonical_name
+        size = stream.height, stream.width, stream.pix_fmt, stream.codec.name
     assert size == tuple(about[f"video.{key}"] for key in ("height", "width", "pix_fmt", "codec"))
     assert (about["video.channels"], about["video.fps"]) == (3, 15)
     table = pq.read_table(file_of(folder, DATA_PATH, 0))
