@@ -17,7 +17,7 @@ from common.transport.endpoint import DEFAULT_ENDPOINT
 
 @dataclass(frozen=True)
 class ActorOptions:
-    """Join a run: play, send the transitions to its replay, and follow its learner's weights.
+    """Join a run: play, send steps to its replay, and follow its learner's weights.
 
     The run's hub tells what to play and how, so a plain `python -m actors --sync` is enough. Start
     one process for each core, on any number of machines. To check, show or play one robot without

@@ -29,7 +29,7 @@ _OF_THE_REPLAY = ("actor_quota", "log_json", "restart")
 
 @dataclass(frozen=True)
 class LaunchOptions:
-    """Launch a run on an engine: write its files into the run's folder; with Ray, start at once.
+    """Launch a run: write the engine's files into its folder, or start it on Ray.
 
     Flags after `--` are those of `ale-robot train`.
     """

@@ -64,7 +64,8 @@ class LearnerOptions(RunOptions):
     and one of each epoch's network, as far as there is time to make them: epoch-0000.mp4,
     epoch-0001.mp4 and so on. Keeps each epoch's weights too."""
     local: bool = False
-    """Local mode: start actors and evaluators on this machine, and end them with the learner."""
+    """Local mode: start actors and evaluators on this machine, and end them with the learner.
+    `ale-robot train` gives this flag."""
     actors: Annotated[int, Ge(1), Le(MOST_SESSIONS)] = 1
     """Number of training actors, in local mode."""
     envs: Annotated[int, Ge(1), Le(MAX_ENVS)] = 1

@@ -35,10 +35,7 @@ _LEAST_PATIENCE, _MOST_PATIENCE = 2.0, 3_600.0
 
 @dataclass(frozen=True)
 class StatusOptions:
-    """Show how a run is doing: its processes, their versions, lag and rates, and what is wrong.
-
-    The exit code is 0 if all is well, 1 if something is red, 4 if nobody answers.
-    """
+    """Show how a run is doing: its processes, their rates and lag, and what is wrong."""
 
     connect: str = DEFAULT_ENDPOINT
     """Address of the run's hub: the learner, or a replay in its own process."""

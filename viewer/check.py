@@ -43,8 +43,7 @@ _HAIR = 1.001
 class Check(Played):
     """Check a robot's sight and touch in 200 random agent steps.
 
-    It prints health checks and the hands' latencies, and writes a picture of four panels. The exit
-    code is 1 if a health check is red.
+    It prints health checks and the hands' latencies, and writes a picture of four panels.
     """
 
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"], metavar="FILE.png")] = Path("check.png")

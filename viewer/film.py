@@ -43,7 +43,7 @@ class Chapter(NamedTuple):
 
 @dataclass(frozen=True)
 class Film(Played):
-    """Film a game: room, camera, hands and network; or, with a run's folder, how it learned.
+    """Film a game; or, with a run's folder, how it learned.
 
     The film of a run shows random play, or the network with which the run began, and then each
     epoch's network for a few seconds. The run must keep its snapshots (--keep-snapshots).

@@ -58,7 +58,7 @@ def used_keys(game: str) -> str:
 
 @dataclass(frozen=True)
 class Human(Played):
-    """Play yourself through the robot's hands, in this terminal: arrow keys, space, and q."""
+    """Play yourself through the robot's hands: arrow keys, space and q."""
 
     record: Annotated[Path | None, tyro.conf.arg(metavar="FOLDER")] = None
     """Folder for a recording of your games, as `record` makes it; it must not exist yet."""

@@ -24,7 +24,7 @@ from viewer.recorder import Recorder, check_new_folder
 
 @dataclass(frozen=True, kw_only=True)
 class Record(Played):
-    """Record a network's games as a LeRobot dataset: camera, keys, joints, commands and rewards.
+    """Record a network's games as a LeRobot dataset: camera, keys, joints and rewards.
 
     `ale-robot train --demonstrations FOLDER` starts a run with them. Each game is added when it
     ends, so an interrupted recording has all earlier games.

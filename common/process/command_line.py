@@ -56,8 +56,9 @@ T = TypeVar("T")
 
 
 def _joined_lines(helptext: str) -> str:
-    """Returns each paragraph of ``helptext`` as one line, for tyro to wrap."""
-    return re.sub(r"(?<!\n)\n(?!\n)", " ", inspect.cleandoc(helptext))
+    """Returns each paragraph of ``helptext`` as one line, for tyro to wrap. An indented line, as of
+    a table, stays a line."""
+    return re.sub(r"(?<!\n)\n(?![\n ])", " ", inspect.cleandoc(helptext))
 
 
 # tyro's own function keeps the line breaks of a field's docstring, because its lines are indented.
@@ -168,23 +169,25 @@ def parse(kind: type[T], program: str, arguments: Sequence[str], **defaults: Any
         except SystemExit as left:
             if not left.code:
                 raise
-            raise InputError(_sentence(told.getvalue(), command)) from None
+            flag = "--help-all" if command.startswith("ale-robot ") else "--help"
+            raise InputError(_sentence(told.getvalue(), f"{command} {flag}")) from None
     check_bounds(parsed)
     return parsed
 
 
-def _sentence(box: str, command: str) -> str:
-    """Returns tyro's error, which it prints in a box, as one sentence."""
+def _sentence(box: str, all_flags: str) -> str:
+    """Returns tyro's error, which it prints in a box, as one sentence, with the command that prints
+    all flags."""
     # Without UTF-8 the box has no border, and its rules are made of "-".
     _, *lines = (line.strip("│╭╮╰╯─ ") for line in box.strip().splitlines())
     body = dropwhile(_is_rule, lines)
     first = " ".join(takewhile(lambda line: not _is_rule(line), body))
     if "Unrecognized" not in box:
-        return f"{_plainly(first)} `{command} --help` explains the flags."
+        return f"{_plainly(first)} `{all_flags}` explains the flags."
     unknown = first.removeprefix("Unrecognized options: ").partition(",")[0]
     flags = [line for line in lines if line.startswith("--") and not _is_rule(line)]
     alike = [line.split()[0].strip(",") for line in flags]
-    hint = f"did you mean {alike[0]}?" if alike else f"`{command} --help` lists the flags."
+    hint = f"did you mean {alike[0]}?" if alike else f"`{all_flags}` lists the flags."
     if not unknown.startswith("-"):
         return f"{unknown} has no flag before it: {hint}"
     return f"there is no flag {unknown}: {hint}"

@@ -25,9 +25,7 @@ EXIT_CODES = (
     ExitCode(DONE, "done, or ended by Ctrl-C or SIGTERM with everything saved", False),
     ExitCode(FAILED, "failed, and said why; from check and status: a health check is red", True),
     ExitCode(BAD_INPUT, "cannot do what was asked: wrong flags, settings or files", False),
-    ExitCode(
-        RED, "the run ended itself: a health check stayed red, or the run made no progress", False
-    ),
+    ExitCode(RED, "the run ended itself: a health check stayed red, or progress stopped", False),
     ExitCode(UNREACHABLE, "nobody answers at the address, or the run there has ended", True),
     ExitCode(NO_ROOM, "the disk is full or read-only: works once that has changed", True),
     ExitCode(INTERRUPTED, "interrupted before it began, or by a second Ctrl-C", False),
@@ -37,4 +35,4 @@ EXIT_CODES = (
 
 def table() -> str:
     """Returns the exit codes as lines of a help text."""
-    return "\n\n".join(f"{code.number:>5}  {code.meaning}" for code in EXIT_CODES)
+    return "\n".join(f"{code.number:>5}  {code.meaning}" for code in EXIT_CODES)

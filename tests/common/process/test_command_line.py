@@ -12,6 +12,7 @@ from annotated_types import Ge, Lt
 from common.checked import Patience
 from common.errors import InputError
 from common.process.command_line import RunFlags, WeightsFile, parse, parse_run, preset_of
+from common.process.exit_codes import EXIT_CODES
 from common.run.conditions import RandomiseConfig
 from common.run.config import RunConfig, all_ranges
 from common.run.origin import SHIPPED, name_of
@@ -216,6 +217,16 @@ def test_the_lines_of_a_help_text_are_joined(
     assert lines[at + 1 : at + 3] == ["", "Another paragraph. (default: 1)"]
 
 
+def test_each_exit_code_is_a_line_of_the_help_text(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        parse(Bounded, "program", ["--help"])
+    lines = capsys.readouterr().out.splitlines()
+    table = [f"{code.number:>5}  {code.meaning}" for code in EXIT_CODES]
+    at = lines.index("Exit codes:") + 2
+    assert lines[at : at + len(table)] == table
+    assert max(map(len, table)) <= 80
+
+
 @pytest.mark.parametrize(
     ("flags", "present"),
     [
@@ -262,6 +273,21 @@ def test_a_flag_that_is_gone_is_said_to_be(flag: str) -> None:
     ],
 )
 def test_what_is_not_understood_is_told_in_a_sentence(arguments: list[str], words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        parsed(*arguments)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--zzz=1"], r"`ale-robot train --help-all` lists the flags\.$"),
+        (["--seed"], r"`ale-robot train --help-all` explains the flags\.$"),
+    ],
+)
+def test_a_command_names_its_help_with_every_flag(
+    arguments: list[str], words: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("sys.argv", ["ale-robot train"])
     with pytest.raises(InputError, match=words):
         parsed(*arguments)
 
