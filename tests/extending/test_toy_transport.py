@@ -1,6 +1,6 @@
 """A transport defined here and known to nobody, on which replay, actor and learner meet.
 
-It has no threads and no queues: a server answers in the thread of whoever asks.
+It has no threads, queues or deadlines: a server answers in the thread of whoever asks.
 """
 
 import fnmatch
@@ -17,24 +17,30 @@ from actors.stream.insert_client import InsertClient
 from actors.stream.weights_client import WeightsClient
 from common.errors import MessageError
 from common.protocol.run_keys import RunKeys
+from common.registry import ENVIRONMENTS
 from common.run.join import find_run
 from common.transport.interface import Answer, Closeable, Envelope, Publisher, Requester, Unanswered
 from replay.client import RemoteReplay
 from replay.replay_buffer import ReplayBuffer
 from replay.server import ReplayServer
+from tests.extending.test_environment import CONFIG, LAMPS
+from tests.extending.whole_run import added, learned
 from tests.replay.replay_reference import GOES_ON, RUN, Actor, make_config
 
 
 class Entry:
     """Something in a list, until it is closed."""
 
-    def __init__(self, place: list[Any], entry: Any) -> None:
-        self._place, self._entry = place, entry
+    def __init__(
+        self, place: list[Any], entry: Any, end: Callable[[], None] = lambda: None
+    ) -> None:
+        self._place, self._entry, self._end = place, entry, end
         place.append(entry)
 
     def close(self) -> None:
         if self._entry in self._place:
             self._place.remove(self._entry)
+            self._end()
 
 
 class DirectRequest:
@@ -46,13 +52,18 @@ class DirectRequest:
 
     def reply(self, answer: bytes | Envelope) -> None:
         payload, attachment, _ = answer if isinstance(answer, Envelope) else Envelope(answer)
-        self._future.set_result(Envelope(payload, attachment, self.key))
+        if not self._future.done():
+            self._future.set_result(Envelope(payload, attachment, self.key))
 
     def refuse(self, reason: str) -> None:
-        self._future.set_exception(MessageError(reason))
+        self._fail(MessageError(reason))
 
     def drop(self) -> None:
-        self._future.set_exception(Unanswered())
+        self._fail(Unanswered())
+
+    def _fail(self, error: Exception) -> None:
+        if not self._future.done():
+            self._future.set_exception(error)
 
 
 class DirectTransport:
@@ -61,6 +72,8 @@ class DirectTransport:
     def __init__(self) -> None:
         self._services: list[tuple[str, Answer]] = []
         self._subscriptions: list[tuple[str, Callable[[Envelope], None]]] = []
+        self._present: list[str] = []
+        self._watches: list[tuple[str, Callable[[str, bool], None]]] = []
 
     def serve(self, key: str, answer: Answer) -> Closeable:
         return Entry(self._services, (key, answer))
@@ -68,8 +81,8 @@ class DirectTransport:
     def requester(self, key: str, deadline: float) -> Requester:
         return DirectRequester(self, key)
 
-    def gather(self, key: str, deadline: float) -> list[Envelope]:
-        found = [self.ask(served, b"", answer) for served, answer in self.at(key)]
+    def gather(self, key: str, deadline: float, payload: bytes = b"") -> list[Envelope]:
+        found = [self.ask(served, payload, answer) for served, answer in self.at(key)]
         return [future.result() for future in found if future.exception() is None]
 
     def publisher(self, key: str) -> Publisher:
@@ -79,10 +92,18 @@ class DirectTransport:
         return Entry(self._subscriptions, (key, callback))
 
     def announce(self, key: str) -> Closeable:
-        raise NotImplementedError
+        def tell(present: bool) -> None:
+            for watched, callback in self._watches:
+                if fnmatch.fnmatch(key, watched):
+                    callback(key, present)
+
+        tell(True)
+        return Entry(self._present, key, lambda: tell(False))
 
     def watch_presence(self, key: str, callback: Callable[[str, bool], None]) -> Closeable:
-        raise NotImplementedError
+        for present in fnmatch.filter(self._present, key):
+            callback(present, True)
+        return Entry(self._watches, (key, callback))
 
     def watch_shut_out(self, callback: Callable[[str, str], None]) -> Closeable:
         return Entry([], ("", callback))
@@ -146,7 +167,22 @@ class DirectPublisher:
     def close(self) -> None: ...
 
 
-def test_replay_actor_and_learner_meet_on_a_transport_from_outside(tmp_path: Path) -> None:
+def test_a_run_is_played_and_learned_on_a_transport_from_outside(tmp_path: Path) -> None:
+    transport = DirectTransport()
+    with added(ENVIRONMENTS, LAMPS):
+        summary, policy = learned(CONFIG, tmp_path, steps=240, connect=lambda: transport)
+    assert summary["agent_steps"] >= 240
+    assert summary["updates"] > 0
+    assert policy.weights_version > 0
+    [actor] = summary["actors"]  # it was seen to leave, and its last heartbeat came
+    assert (actor["name"], actor["alive"]) == ("a", False)
+    assert actor["steps"] == summary["agent_steps"]
+    assert actor["acked"] == summary["chunks"]["acked"] > 0
+
+
+def test_a_remote_replay_and_an_actors_clients_meet_on_a_transport_from_outside(
+    tmp_path: Path,
+) -> None:
     transport, keys = DirectTransport(), RunKeys(RUN, RUN)
     config = make_config(capacity=256, learning_starts=20, ratio_tolerance=64, chunk_steps=8)
     buffer = ReplayBuffer(config, tmp_path)

@@ -3,7 +3,7 @@
 import io
 import json
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
@@ -20,6 +20,7 @@ from common.registry import Registry
 from common.run.config import RunConfig
 from common.run.folder import RunFolder
 from common.run.join import find_run
+from common.transport.interface import Transport
 from common.transport.signature import unsigned
 from learner.algorithm.interface import build_algorithm
 from learner.assembly import build_learner
@@ -45,17 +46,26 @@ def added(registry: Registry[Any], entry: Any) -> Iterator[None]:
 
 
 def learned(
-    config: RunConfig, runs: Path, steps: int, *, run: str = RUN, keep_snapshots: bool = False
+    config: RunConfig,
+    runs: Path,
+    steps: int,
+    *,
+    run: str = RUN,
+    keep_snapshots: bool = False,
+    connect: Callable[[], Transport] | None = None,
 ) -> tuple[dict[str, Any], Policy]:
-    """The summary of a run of so many steps, and the policy that acted in it."""
+    """The summary of a run of so many steps, and the policy that acted in it.
+
+    ``connect`` gives learner and actor a transport each; without it they meet at an `InProcessHub`.
+    """
     config.check()
     folder = RunFolder(runs, run)
     folder.path.mkdir()
     device = Device(torch.device("cpu"), bfloat16=False)
     stop = threading.Event()
     with ExitStack() as stack:
-        meeting = InProcessHub()
-        hub, client = (stack.enter_context(meeting.connect()) for _ in range(2))
+        connect = connect or InProcessHub().connect
+        hub, client = (stack.enter_context(connect()) for _ in range(2))
         buffer = ReplayBuffer(config, folder.replay)
         stack.callback(buffer.close)
         stack.enter_context(ReplayServer(hub, buffer, config, run))
