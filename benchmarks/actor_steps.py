@@ -102,7 +102,7 @@ def measure(options: Options) -> Report:
         found = in_turns(contenders, options.turns, warm_up=0, tell=True)
     spreads = {kind: Spread.of(rates) for kind, rates in found.items()}
     return Report.of(
-        f"{options.game}: decisions per second of an actor on one core, with network, stream and "
+        f"{options.game}: agent steps per second of an actor on one core, with network, stream and "
         "statistics, while the replay has the others",
         [
             {"kind": _TITLES[env], "environments": envs, **spread.cells()}

@@ -55,7 +55,7 @@ class Options(BenchmarkOptions):
     """Any game that ale-py bundles."""
     envs: FromOne = 1
     """Number of environments of each kind, which take turns in this one process."""
-    decisions: FromOne = 500
+    steps: FromOne = 500
     """Agent steps per turn, over all environments of a kind."""
     turns: FromOne = 8
     """Number of turns of each kind."""
@@ -69,7 +69,7 @@ class Turn(NamedTuple):
     """The counts of one turn of one kind of environment."""
 
     steps: int
-    decisions: int
+    agent_steps: int
     seconds: float
 
 
@@ -96,15 +96,15 @@ class Player:
 
     def play(self, steps: int) -> Turn:
         actions = self._rng.integers(18, size=steps)
-        decisions = 0
+        agent_steps = 0
         began = time.perf_counter()
         for number, action in enumerate(actions):
             env = self._envs[number % len(self._envs)]
             _, _, terminated, truncated, info = env.step(action)
-            decisions += info["elapsed"]
+            agent_steps += info["elapsed"]
             if terminated or truncated:
                 env.reset()
-        return Turn(steps, decisions, time.perf_counter() - began)
+        return Turn(steps, agent_steps, time.perf_counter() - began)
 
     def close(self) -> None:
         for env in self._envs:
@@ -131,7 +131,7 @@ def break_down(player: Player, steps: int) -> dict[str, float]:
                 stack.enter_context(patch.object(owner, name, watched))
         turn = player.play(steps)
     rest = turn.seconds - sum(spent.values())
-    return {part: took / turn.decisions * 1e6 for part, took in {**spent, "rest": rest}.items()}
+    return {part: took / turn.agent_steps * 1e6 for part, took in {**spent, "rest": rest}.items()}
 
 
 def measure(options: Options) -> Report:
@@ -141,21 +141,21 @@ def measure(options: Options) -> Report:
             stack.enter_context(neighbour())
         players = {kind: stack.enter_context(closing(Player(kind, options))) for kind in _TITLES}
         contenders: dict[str, Callable[[], Any]] = {
-            kind: partial(player.play, options.decisions) for kind, player in players.items()
+            kind: partial(player.play, options.steps) for kind, player in players.items()
         }
-        contenders["parts"] = partial(break_down, players["robot_sync"], options.decisions)
+        contenders["parts"] = partial(break_down, players["robot_sync"], options.steps)
         played = in_turns(contenders, options.turns)
     parted = played.pop("parts")
     breakdown = {part: float(np.median([each[part] for each in parted])) for part in parted[0]}
     paces = {
-        kind: Spread.of([turn.decisions / turn.seconds for turn in turns])
+        kind: Spread.of([turn.agent_steps / turn.seconds for turn in turns])
         for kind, turns in played.items()
     }
     totals = {kind: np.sum(turns, axis=0).tolist() for kind, turns in played.items()}
     rows = [
         {
             "kind": title,
-            "decisions": int(totals[kind][1]),
+            "agent steps": int(totals[kind][1]),
             "per step": totals[kind][1] / totals[kind][0],
             **paces[kind].cells(),
             "of ALE-Only": paces[kind].median / paces["ale"].median,
@@ -164,7 +164,7 @@ def measure(options: Options) -> Report:
     ]
     count = f"{options.envs} environments" if options.envs > 1 else "one environment"
     return Report.of(
-        f"{options.game}: decisions of 66.7 ms, {count} in one process, one core"
+        f"{options.game}: agent steps of 66.7 ms, {count} in one process, one core"
         f"{', beside an updating learner' if options.beside_learner else ''}",
         rows,
         {
@@ -172,7 +172,7 @@ def measure(options: Options) -> Report:
             "envs": options.envs,
             "breakdown_us": breakdown,
         },
-        "A robot's decision: "
+        "An agent step of the robot: "
         + ", ".join(f"{part} {micros:.0f} µs" for part, micros in breakdown.items()),
     )
 

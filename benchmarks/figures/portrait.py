@@ -37,7 +37,7 @@ class Options:
     """Robot: 'nao' or a registered one."""
     game: str = "pong"
     """Game: any that ale-py bundles."""
-    decisions: FromOne = 60
+    steps: FromOne = 60
     """Agent steps before the picture."""
     seed: Count = 7
     """Seed of the random play."""
@@ -48,7 +48,7 @@ def main() -> int:
     play = replace(DEFAULT_PLAY, random_starts=0, robot=options.robot)
     with closing(RobotEnv(options.game, play=play)) as env:
         env.reset(seed=options.seed)
-        at_random = np.random.default_rng(options.seed).integers(18, size=options.decisions - 1)
+        at_random = np.random.default_rng(options.seed).integers(18, size=options.steps - 1)
         # Ends with a diagonal and fire, so that both hands press keys.
         for action in (*at_random, action_of_keys(Keys.UP | Keys.RIGHT | Keys.FIRE)):
             env.step(action)

@@ -13,14 +13,14 @@ from benchmarks.report import run
 
 def test_the_command_writes_rates_and_a_breakdown(tmp_path: Path) -> None:
     file = tmp_path / "speed.json"
-    words = ["--envs", "2", "--decisions", "6", "--turns", "2", "--json", str(file)]
+    words = ["--envs", "2", "--steps", "6", "--turns", "2", "--json", str(file)]
     run("env_steps", env_steps.Options, env_steps.measure, words)
     content = json.loads(file.read_text())
     assert content["envs"] == 2
     for kind, row in zip(("robot_sync", "robot_wait", "ale"), content["rows"], strict=True):
         assert row["least"] <= content[kind] == row["per second"] <= row["most"]
         assert row["per step"] >= 1
-    assert content["rows"][0]["decisions"] == content["rows"][2]["decisions"] == 12
+    assert content["rows"][0]["agent steps"] == content["rows"][2]["agent steps"] == 12
     assert set(content["breakdown_us"]) == {"physics", "emulator", "render", "detection", "rest"}
     assert all(micros > 0 for micros in content["breakdown_us"].values())
 

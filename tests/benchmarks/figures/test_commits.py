@@ -75,7 +75,9 @@ def test_every_commit_that_a_page_a_result_or_a_card_names_is_in_the_history(
 def test_the_flags_of_each_row_are_known_at_its_commit(history: set[str]) -> None:
     @cache
     def settings_at(commit: str) -> str:
-        return git("show", f"{commit}:common/config.py")
+        held = ("common/config.py", "common/run/config.py", "common/run/conditions.py")
+        there = git("ls-tree", "-r", "--name-only", commit, "--", *held).split()
+        return "".join(git("show", f"{commit}:{file}") for file in there)
 
     checked = 0
     for table in (RESULTS / "ladder.csv", RESULTS / "ablations.csv"):

@@ -16,7 +16,7 @@ def test_robot_screen_and_sight_are_in_the_picture(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / "new" / "robot.png"
-    monkeypatch.setattr(sys, "argv", ["portrait", "-o", str(path), "--decisions", "3"])
+    monkeypatch.setattr(sys, "argv", ["portrait", "-o", str(path), "--steps", "3"])
     monkeypatch.setattr(portrait, "_WIDTH", 320)
     monkeypatch.setattr(portrait, "_HEIGHT", 240)
     assert portrait.main() == 0
