@@ -11,9 +11,11 @@ import gymnasium
 import numpy as np
 import pytest
 
+from benchmarks.child import free_endpoint
 from tests.paths import ROOT
 
 NOTEBOOK = json.loads((ROOT / "docs" / "first_run.ipynb").read_text(encoding="utf-8"))
+ADDRESS = "tcp/127.0.0.1:7457"
 CELLS = ["".join(cell["source"]) for cell in NOTEBOOK["cells"] if cell["cell_type"] == "code"]
 
 
@@ -54,7 +56,9 @@ def test_it_learns_and_shows_it(tmp_path: Path) -> None:
     (shown / "__init__.py").touch()
     (shown / "display.py").write_text("Image = str\ndisplay = print\n")
     script = tmp_path / "cells.py"
-    script.write_text("\n".join(CELLS), encoding="utf-8")
+    code = "\n".join(CELLS)
+    assert ADDRESS in code
+    script.write_text(code.replace(ADDRESS, free_endpoint()), encoding="utf-8")
     path = os.pathsep.join((str(ROOT), str(tmp_path)))
     done = subprocess.run(
         [sys.executable, script],
