@@ -88,6 +88,18 @@ def test_the_policy_sees_the_newest_state_of_every_environment() -> None:
             assert (shown[i] == env.moments[turn].state).all()
 
 
+def test_a_step_has_the_version_and_epsilon_that_chose_its_action() -> None:
+    policy = Recorder()
+    policy.weights_version, policy.epsilon = 1, 0.5
+    steps = play([NumberedEnv([GOES_ON]), NumberedEnv([GOES_ON])], policy, [1, 2])
+    told = []
+    for step in islice(steps, 4):
+        told.append((step.stream, step.weights_version, step.epsilon))
+        if step.stream == 0:  # new weights, between two environments whose actions are chosen
+            policy.weights_version, policy.epsilon = policy.weights_version + 1, policy.epsilon / 2
+    assert told == [(0, 1, 0.5), (1, 1, 0.5), (0, 2, 0.25), (1, 2, 0.25)]
+
+
 def test_nothing_is_played_ahead_of_who_asks() -> None:
     envs = [NumberedEnv([GOES_ON]), NumberedEnv([GOES_ON])]
     steps = play(envs, Recorder(), [1, 2])

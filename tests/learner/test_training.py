@@ -17,6 +17,7 @@ import torch
 from safetensors.torch import load
 
 from common.errors import InputError
+from common.metrics import Values
 from common.protocol.chunk import Game
 from common.protocol.run_status import HealthCheck
 from common.protocol.wire import decode_version
@@ -193,6 +194,10 @@ class World:
 
     # ---------------------------------------------------------------- the learner
 
+    def summarise(self, values: Values, replay: Progress) -> None:
+        self.summed_steps = replay.agent_steps
+        self.log.append(("summary", values["learning/updates"]))
+
     def broadcast(self, payload: bytes, version: bytes) -> None:
         number, signature = decode_version(version, "id")
         assert signature == repr(("training", number, "id")).encode()
@@ -259,9 +264,7 @@ class World:
                 note=self.said.append,
                 say=self.said.append,
                 report=lambda values, replay: self.checks,
-                close=lambda values, replay: self.log.append(
-                    ("summary", values["learning/updates"])
-                ),
+                close=self.summarise,
             ),
             "checkpoint": SimpleNamespace(path="FILE", save=self.save, check_room=self.check_room),
         }
@@ -738,6 +741,18 @@ def test_local_modes_children_are_watched_and_asked_to_leave() -> None:
         "children have left",
         ("summary", world.updates),
     ]
+
+
+def test_the_summary_has_the_last_chunks_of_local_modes_actors() -> None:
+    world = World()
+    world.stops_at(60)
+    children: Any = SimpleNamespace(
+        watch=lambda *, finished: [], ask_to_leave=lambda: None, close=lambda: world.play(4)
+    )
+    learner = world.learner()
+    learner.start()
+    learner.run(children)
+    assert world.summed_steps == world.agent_steps
 
 
 def test_a_stop_keeps_nothing_that_has_just_diverged() -> None:
