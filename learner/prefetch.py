@@ -39,7 +39,11 @@ def to_device(batch: Batch, device: torch.device) -> DeviceBatch:
         return tensor
 
     batch = batch._replace(a_tm1=batch.a_tm1.astype(np.int64))  # PyTorch's index type
-    return DeviceBatch(*(move(getattr(batch, name)) for name in DeviceBatch._fields))
+    names = (name for name in DeviceBatch._fields if name != "drawn")
+    return DeviceBatch(
+        **{name: move(getattr(batch, name)) for name in names},
+        drawn={name: move(array) for name, array in batch.drawn.items()},
+    )
 
 
 @dataclass

@@ -83,5 +83,6 @@ class RecordedStep:
 
 
 def _tensors(prepared: Prepared) -> list[Tensor]:
+    *tensors, drawn = prepared.batch
     pixels = [prepared.pixels_tm1, prepared.pixels_t]
-    return [*prepared.batch, *pixels, *prepared.target_outputs]
+    return [*tensors, *drawn.values(), *pixels, *prepared.target_outputs]

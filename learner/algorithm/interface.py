@@ -26,6 +26,7 @@ class DeviceBatch(NamedTuple):
     weights: Tensor
     x_tm1: Tensor
     x_t: Tensor
+    drawn: Mapping[str, Tensor] = {}
 
 
 class Prepared(NamedTuple):

@@ -67,6 +67,20 @@ def test_batches_come_in_order_and_the_limiter_hears_of_all_draws() -> None:
     prefetcher.close()
 
 
+def test_a_minibatch_comes_to_the_device_whole() -> None:
+    scores = np.array([3.5, -1.0], np.float32)
+    lucky = np.array([True, False])
+    scores.flags.writeable = False  # as in a message
+    batch = _batch(7)._replace(drawn={"scores": scores, "lucky": lucky})
+    found = to_device(batch, torch.device("cpu"))
+    for name in set(found._fields) - {"drawn"}:
+        assert (getattr(found, name).numpy() == getattr(batch, name)).all()
+    assert {name: values.tolist() for name, values in found.drawn.items()} == {
+        "scores": [3.5, -1.0],
+        "lucky": [True, False],
+    }
+
+
 def test_it_draws_no_further_ahead_than_its_depth() -> None:
     source = Source(last=100)
     prefetcher = _prefetcher(source, batches=0)

@@ -39,7 +39,9 @@ def _replayed(step: Callable[[Prepared], Update]) -> RecordedStep:
 
 def _tensors(prepared: Prepared) -> list[Tensor]:
     """All that a step may read."""
-    return [*prepared.batch, prepared.pixels_tm1, prepared.pixels_t, *prepared.target_outputs]
+    *tensors, drawn = prepared.batch
+    pixels = [prepared.pixels_tm1, prepared.pixels_t]
+    return [*tensors, *drawn.values(), *pixels, *prepared.target_outputs]
 
 
 def _learner(device: Device, config: LearningConfig = CONFIG) -> ValueBased:
@@ -50,7 +52,8 @@ def _learner(device: Device, config: LearningConfig = CONFIG) -> ValueBased:
 
 
 def _on(device: torch.device, batch: DeviceBatch) -> DeviceBatch:
-    return DeviceBatch(*(each.to(device) for each in batch))
+    *tensors, drawn = batch
+    return DeviceBatch(*(each.to(device) for each in tensors), drawn=drawn)
 
 
 def _learned(algorithm: ValueBased, device: torch.device, updates: int = 20) -> list[float]:
@@ -98,7 +101,9 @@ def test_a_recording_reads_where_each_minibatch_is_copied_to() -> None:
     torch.manual_seed(0)
     given = [
         Prepared(
-            DeviceBatch(*torch.rand(8, 8, 2)), *torch.rand(2, 8), (torch.rand(8), torch.ones(8) * n)
+            DeviceBatch(*torch.rand(8, 8, 2), drawn={"scores": torch.rand(8)}),
+            *torch.rand(2, 8),
+            (torch.rand(8), torch.ones(8) * n),
         )
         for n in range(6)
     ]
