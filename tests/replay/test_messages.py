@@ -12,6 +12,7 @@ from hypothesis.extra import numpy as hnp
 from common.errors import MessageError
 from common.protocol.chunk import Game
 from common.protocol.message import Message
+from common.protocol.step_fields import drawn_fields, zero_steps
 from common.protocol.wire import MAX_MESSAGE_BYTES, pack, unpack
 from replay.batch import SharedBatch
 from replay.chunk_statistics import ChunkStatistics, Progress
@@ -22,6 +23,12 @@ from replay.messages import (
     ProgressRequest,
     SampleRequest,
 )
+
+
+def drawn_values(count: int, width: int) -> dict[str, Any]:
+    """Zeros for each field that minibatches carry beside the usual ones."""
+    values = zero_steps(count, width)
+    return {name: values[name] for name in drawn_fields()}
 
 
 def a_batch(count: int, frame_stack: int, width: int) -> SharedBatch:
@@ -42,6 +49,7 @@ def a_batch(count: int, frame_stack: int, width: int) -> SharedBatch:
         weights=numbers(count),
         x_tm1=numbers(count, width),
         x_t=numbers(count, width),
+        drawn=drawn_values(count, width),
     )
 
 
@@ -49,9 +57,10 @@ def a_batch(count: int, frame_stack: int, width: int) -> SharedBatch:
 def test_a_batch_comes_through_whole(count: int, frame_stack: int, width: int) -> None:
     batch = a_batch(count, frame_stack, width)
     found = vars(SharedBatch.decode(batch.encode()))
-    assert found.pop("drawn") == {}
-    for name, array in found.items():
-        expected = getattr(batch, name)
+    drawn = found.pop("drawn")
+    assert drawn.keys() == batch.drawn.keys()
+    for name, array in {**found, **drawn}.items():
+        expected = batch.drawn[name] if name in drawn else getattr(batch, name)
         assert array.dtype == expected.dtype
         np.testing.assert_array_equal(array, expected)
 
@@ -94,6 +103,7 @@ def test_a_small_message_cannot_ask_for_huge_states() -> None:
         weights=empty,
         x_tm1=empty[:, None],
         x_t=empty[:, None],
+        drawn=drawn_values(count + 1, 1),
     )
     with pytest.raises(MessageError, match="over the bound"):
         SharedBatch.decode(large.encode())
