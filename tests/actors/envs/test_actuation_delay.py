@@ -15,6 +15,7 @@ from actors.robots.interface import Hands
 from common.actions import KEYS_OF_ACTION, Keys
 from common.run.clock import ClockConfig
 from common.run.conditions import PlayConfig
+from tests.actors.envs.narrowed import nao_of
 
 NONE, UP, DOWN, FIRE = Keys.NONE, Keys.UP, Keys.DOWN, Keys.FIRE
 
@@ -127,7 +128,7 @@ def test_a_robot_with_a_modelled_hand_plays_as_the_emulator_does(eye: str, stick
         assert difference.mean() < 8
         # The robot's vector has its arms too; they rest.
         assert (seen["vector"][:128] == known["vector"]).all()
-    assert robot.robot.arms.posture()[1] == pytest.approx(0, abs=0.01)
+    assert nao_of(robot).arms.posture()[1] == pytest.approx(0, abs=0.01)
     robot.close()
 
 
@@ -139,5 +140,5 @@ def test_hands_play_while_the_eye_is_the_emulators() -> None:
         assert isinstance(state, np.ndarray)
         assert (state[-1] == shrink(env.emulator.screen_grey())).all()
         assert info["valid_frame"]
-    assert np.abs(env.robot.arms.posture()[0]).max() > 0
+    assert np.abs(nao_of(env).arms.posture()[0]).max() > 0
     env.close()

@@ -8,8 +8,9 @@ import cv2
 import gymnasium
 import numpy as np
 import pytest
-from ale_py import ALEInterface, roms
+from ale_py import ALEInterface
 from gymnasium.utils.env_checker import check_env
+from numpy.typing import NDArray
 
 from actors.envs import env_id, make_env
 from actors.envs.ale import AtariEnv
@@ -19,6 +20,7 @@ from common.errors import InputError
 from common.games import GAMES
 from common.run.conditions import PlayConfig
 from common.run.config import RunConfig
+from tests.actors.envs.narrowed import frames_of, rom_of
 
 
 def test_an_episode_is_what_bare_ale_shows() -> None:
@@ -26,9 +28,9 @@ def test_an_episode_is_what_bare_ale_shows() -> None:
     ale.setInt("frame_skip", 1)
     ale.setFloat("repeat_action_probability", 0.0)
     ale.setBool("color_averaging", True)
-    ale.loadROM(roms.get_rom_path("breakout"))
+    ale.loadROM(rom_of("breakout"))
 
-    def look():
+    def look() -> NDArray[Any]:
         return cv2.resize(ale.getScreenGrayscale(), (84, 84), interpolation=cv2.INTER_AREA)
 
     env = AtariEnv("breakout", play=PlayConfig(random_starts=0), training=True)
@@ -37,7 +39,7 @@ def test_an_episode_is_what_bare_ale_shows() -> None:
     score, steps, lives, episodes, points = 0.0, 0, 5, 0, 0.0
     rng = np.random.default_rng(2)
     for _ in range(400):
-        assert np.array_equal(state, seen[-4:])
+        assert np.array_equal(frames_of(state), seen[-4:])
         assert (info["game_score"], info["game_steps"]) == (score, steps)
         assert set(info) == set(StepInfo._fields)
         assert info["valid_frame"]
@@ -69,10 +71,10 @@ def test_an_episode_is_what_bare_ale_shows() -> None:
 
 def test_states_given_out_do_not_change_later() -> None:
     env = AtariEnv("pong")
-    states = [env.reset(seed=1)[0]]
+    states = [frames_of(env.reset(seed=1)[0])]
     copies = [states[0].copy()]
     for step in range(20):
-        states.append(env.step(step % 18)[0])
+        states.append(frames_of(env.step(step % 18)[0]))
         copies.append(states[-1].copy())
     assert all(np.array_equal(*pair) for pair in zip(states, copies, strict=True))
     assert not np.array_equal(states[1], states[-1])
@@ -80,10 +82,10 @@ def test_states_given_out_do_not_change_later() -> None:
 
 def _trace(env: AtariEnv, seed: int) -> list[bytes]:
     state, info = env.reset(seed=seed)
-    trace = [state.tobytes() + repr(sorted(info.items())).encode()]
+    trace = [frames_of(state).tobytes() + repr(sorted(info.items())).encode()]
     for step in range(250):
         state, reward, terminated, truncated, info = env.step((7 * step) % 18)
-        trace.append(state.tobytes() + repr((reward, sorted(info.items()))).encode())
+        trace.append(frames_of(state).tobytes() + repr((reward, sorted(info.items()))).encode())
         if terminated or truncated:
             env.reset()
     return trace
@@ -100,12 +102,14 @@ def test_a_seed_makes_everything_repeat() -> None:
 def test_actions_are_the_games_own_or_all() -> None:
     own = AtariEnv("breakout", play=PlayConfig(minimal_actions=True, random_starts=0))
     every = AtariEnv("breakout", play=PlayConfig(random_starts=0))
-    assert (own.action_space.n, every.action_space.n) == (4, 18)
+    assert own.action_space == gymnasium.spaces.Discrete(4)
+    assert every.action_space == gymnasium.spaces.Discrete(18)
     own.reset(seed=0)
     every.reset(seed=0)
     for step in range(100):
         index = step // 5 % 4
-        assert np.array_equal(own.step(index)[0], every.step((0, 1, 3, 4)[index])[0])
+        (shown, *_), (same, *_) = own.step(index), every.step((0, 1, 3, 4)[index])
+        assert np.array_equal(frames_of(shown), frames_of(same))
 
 
 @pytest.mark.parametrize("asked", [{"options": {"new_game": True}}, {"seed": 2}])
@@ -136,7 +140,9 @@ def test_gymnasium_finds_nothing_to_complain_about() -> None:
         for _ in range(3):
             env.step(env.action_space.sample())
         rows = 230 if game == "journey_escape" else 210
-        assert env.render().shape == (rows, 160, 3)
+        picture = env.render()
+        assert isinstance(picture, np.ndarray)
+        assert picture.shape == (rows, 160, 3)
 
 
 def test_all_games_are_registered_under_both_names() -> None:
@@ -157,7 +163,7 @@ def test_make_env_follows_the_configuration() -> None:
     for training in (True, False):
         env = make_env(config, training=training)
         assert isinstance(env, AtariEnv)
-        assert env.action_space.n == 4
+        assert env.action_space == gymnasium.spaces.Discrete(4)
         assert env.observation_space.shape == (2, 84, 84)
         env.reset(seed=0)
         while not env.step(1)[2]:
@@ -171,9 +177,9 @@ def test_no_key_of_the_game_before_is_pressed_in_a_new_one() -> None:
     env = AtariEnv(play=PlayConfig(random_starts=0, read_keys="decision"))  # that of a robot only
     env.reset(seed=1)
     env.step(2)
-    assert env.wanted == env.pressed == Keys.UP
+    assert (env.wanted, env.pressed) == (Keys.UP, Keys.UP)
     env.reset(options={"new_game": True})
-    assert env.wanted == env.pressed == Keys.NONE
+    assert (env.wanted, env.pressed) == (Keys.NONE, Keys.NONE)
 
 
 def test_importing_the_package_loads_no_physics_and_no_vision() -> None:

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from actors.envs.clock import BREATH, FRAME, MOST_MISSED, Deadlines, Lockstep, RealTime
-from actors.envs.world import AgentStep
+from actors.envs.world import AgentStep, World
 from common.actions import Keys
 
 SKIP = 4
@@ -17,7 +17,7 @@ AGENT_STEP = SKIP * FRAME
 A_WHILE = 20.0
 
 
-class CountingWorld:
+class CountingWorld(World):
     """Agent steps whose points are their number; it notes the command of each frame."""
 
     def __init__(self, ends: int | None = None) -> None:

@@ -5,9 +5,10 @@ import sys
 
 import numpy as np
 import pytest
-from ale_py import ALEInterface, roms
+from ale_py import ALEInterface
 
 from actors.envs.emulator import Emulator
+from tests.actors.envs.narrowed import rom_of
 from tests.actors.envs.sticky_reference import StickyActions
 
 
@@ -37,10 +38,10 @@ def test_the_screen_blends_the_last_two_frames() -> None:
     plain = ALEInterface()
     plain.setFloat("repeat_action_probability", 0.0)
     plain.setBool("color_averaging", False)
-    plain.loadROM(roms.get_rom_path("space_invaders"))
+    plain.loadROM(rom_of("space_invaders"))
     emulator = Emulator("space_invaders", 1)
     before = plain.getScreenRGB().astype(float)
-    errors = []
+    each_steps = []
     for step in range(200):
         action = (0, 1, 3, 11)[step // 10 % 4]
         plain.act(action)
@@ -49,9 +50,9 @@ def test_the_screen_blends_the_last_two_frames() -> None:
         bright, dark = np.maximum(before, now), np.minimum(before, now)
         differs = (bright != dark).any(axis=2)
         assert np.array_equal(seen[~differs], now[~differs])
-        errors.append(np.abs(seen - (0.77 * bright + 0.23 * dark))[differs])
+        each_steps.append(np.abs(seen - (0.77 * bright + 0.23 * dark))[differs])
         before = now
-    errors = np.concatenate(errors)
+    errors = np.concatenate(each_steps)
     assert len(errors) > 1000
     assert errors.mean() < 8  # what rounding to the console's 128 colours leaves
     assert errors.max() < 32

@@ -98,7 +98,7 @@ def test_a_life_lost_as_the_game_is_cut_is_terminated_and_over() -> None:
 def test_random_starts_are_uniform_from_none_to_the_most() -> None:
     game = AtariGame("breakout", PlayConfig(random_starts=3), training=True)
     rng = np.random.default_rng(0)
-    lengths = Counter()
+    lengths: Counter[int] = Counter()
     for _ in range(200):
         game.start_anew(rng)
         assert game.emulator.frames == 4 * game.steps

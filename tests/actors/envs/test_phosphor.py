@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
-from ale_py import ALEInterface, roms
+from ale_py import ALEInterface
 
 from actors.envs.emulator import Emulator
 from common.games import GAMES
+from tests.actors.envs.narrowed import rom_of
 
 # Its picture stands still while the console thinks, and what ALE then blends is not to be seen.
 _THINKING = {"tic_tac_toe_3d"}
@@ -30,7 +31,7 @@ def assert_same_as_ale(game: str, frames: int) -> bool:
     ale = ALEInterface()
     ale.setFloat("repeat_action_probability", 0.0)
     ale.setBool("color_averaging", True)
-    ale.loadROM(roms.get_rom_path(game))
+    ale.loadROM(rom_of(game))
     emulator = Emulator(game, 1)
     blended = False
     rng = np.random.default_rng(0)
@@ -56,7 +57,7 @@ def test_pictures_are_ales_own(game: str) -> None:
 def test_a_european_game_is_blended_in_its_own_colours(game: str) -> None:
     ale = ALEInterface()
     ale.setFloat("repeat_action_probability", 0.0)
-    ale.loadROM(roms.get_rom_path(game))
+    ale.loadROM(rom_of(game))
     emulator = Emulator(game, 1)
     shown = 0
     for action in np.repeat(np.random.default_rng(0).integers(18, size=12), 5).tolist():

@@ -16,6 +16,7 @@ from actors.envs.robot import RobotEnv
 from common.actions import KEYS_OF_ACTION, Keys
 from common.run.conditions import PlayConfig
 from common.run.config import RunConfig
+from tests.actors.envs.narrowed import nao_of
 
 PLAY = PlayConfig(vector=True, random_starts=0)
 
@@ -120,15 +121,16 @@ def test_the_robots_vector() -> None:
     assert vector[:108].tolist() == expected(commands, [])[:108]
     assert vector[108:128].tolist() == expected([], [KEYS_OF_ACTION[17]] * 4)[108:]
     at = 128
-    engine = env.robot._engine
+    nao = nao_of(env)
+    engine = nao._engine
     names = {
-        engine.getJointInfo(env.robot.body, joint)[1].decode(): joint
-        for joint in range(engine.getNumJoints(env.robot.body))
+        engine.getJointInfo(nao.body, joint)[1].decode(): joint
+        for joint in range(engine.getNumJoints(nao.body))
     }
     for side in "LR":
         for name in ("ShoulderPitch", "ShoulderRoll", "ElbowYaw", "ElbowRoll"):
-            info = engine.getJointInfo(env.robot.body, names[side + name])
-            angle, speed, *_ = engine.getJointState(env.robot.body, names[side + name])
+            info = engine.getJointInfo(nao.body, names[side + name])
+            angle, speed, *_ = engine.getJointState(nao.body, names[side + name])
             share = (angle - info[8]) / (info[9] - info[8])
             assert vector[at] == pytest.approx(2 * share - 1, abs=1e-6)
             assert vector[at + 8] == pytest.approx(speed / info[11], abs=1e-6)

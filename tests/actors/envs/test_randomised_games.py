@@ -18,6 +18,7 @@ from actors.loop import frames_and_vector
 from actors.vision.layout import GAME_IN_PICTURE
 from common.run.conditions import CameraConfig, PlayConfig, RandomiseConfig, draw
 from common.run.config import RunConfig, all_ranges
+from tests.actors.envs.narrowed import frames_of, nao_of
 
 PLAY = PlayConfig(random_starts=3, vector=True)
 
@@ -31,20 +32,20 @@ def robot() -> Iterator[RobotEnv]:
 
 def trace(env: gymnasium.Env[Any, Any], seed: int | None, steps: int = 30) -> list[Any]:
     observation, info = env.reset(seed=seed, options={"new_game": True})
-    seen = [*map(bytes, frames_and_vector(observation)), info]
+    seen: list[Any] = [*(each.tobytes() for each in frames_and_vector(observation)), info]
     for step in range(steps):
         observation, reward, *_, info = env.step(step // 2 % 6)
-        seen += [*map(bytes, frames_and_vector(observation)), reward, info]
+        seen += [*(each.tobytes() for each in frames_and_vector(observation)), reward, info]
     return seen
 
 
 def settings_of(env: RobotEnv) -> tuple[Any, ...]:
     """What hands and eye of NAO are really set to."""
-    arms, controller = env.robot.arms, env.robot.controller  # type: ignore[attr-defined]
+    nao = nao_of(env)
     return (
-        arms.left._speeds[0] / 8.26797,
-        controller._closes[0],
-        env.robot.camera,  # type: ignore[attr-defined]
+        nao.arms.left._speeds[0] / 8.26797,
+        nao.controller._closes[0],
+        nao.camera,
         env._world._hands._latency,  # type: ignore[attr-defined]
         env.emulator.sticky,
         env.detector._distortion,
@@ -76,7 +77,7 @@ def test_seeded_games_repeat_whatever_was_played_before(robot: RobotEnv) -> None
     for env in (robot, fresh):
         trace(env, 9, steps=3)
         after = trace(env, None, steps=20)
-        cameras.append((env.robot.camera, after))  # type: ignore[attr-defined]
+        cameras.append((nao_of(env).camera, after))
     assert cameras[0] == cameras[1]
     fresh.close()
 
@@ -120,9 +121,8 @@ def test_a_late_picture_of_a_drawn_latency_is_the_one_before() -> None:
     for seed in range(6):
         frames = []
         for env in (late, prompt):
-            state, _ = env.reset(seed=seed)
-            assert isinstance(state, np.ndarray)
-            frames.append([state[-1]] + [env.step(2)[0][-1] for _ in range(6)])
+            states = [env.reset(seed=seed)[0], *(env.step(2)[0] for _ in range(6))]
+            frames.append([frames_of(state)[-1] for state in states])
         latency = late.conditions.camera.latency
         latencies.add(latency)
         expected = [frames[1][max(0, step - latency)] for step in range(7)]
@@ -139,11 +139,10 @@ def test_lost_pictures_reach_the_network_as_frames_seen_before() -> None:
         AtariEnv(play=play, camera=CameraConfig(dropped=1.0)),
     ):
         state, _ = env.reset(seed=1)
-        assert isinstance(state, np.ndarray)
         for _ in range(4):
             later, *_, info = env.step(2)
             assert info["valid_frame"]
-        assert np.array_equal(later, state)
+        assert np.array_equal(frames_of(later), frames_of(state))
         env.close()
 
 
@@ -190,14 +189,13 @@ def test_the_emulators_keys_have_the_drawn_latency(ranges: RandomiseConfig) -> N
 def test_the_emulators_frame_has_the_tones_of_an_eye() -> None:
     settings = CameraConfig(gamma=2.0, ambient=0.2, brightness=0.8)
     env = AtariEnv("pong", play=PlayConfig(random_starts=0), camera=settings)
-    state, _ = env.reset(seed=1)
-    assert isinstance(state, np.ndarray)
+    frame = frames_of(env.reset(seed=1)[0])[-1]
     # Where the picture is of one grey, no matter how it is sampled.
     screen = Emulator("pong", 0).screen_grey()
     for row, column in ((50, 40), (12, 20), (82, 60)):
         grey = float(screen[row * 210 // 84, column * 160 // 84])
         lit = 255 - 0.8 * (255 - grey)
-        assert state[-1][row, column] == pytest.approx((0.8 * lit / 255) ** 2 * 255, abs=1.5)
+        assert frame[row, column] == pytest.approx((0.8 * lit / 255) ** 2 * 255, abs=1.5)
 
 
 @pytest.mark.parametrize("fault", [CameraConfig(noise=8.0), CameraConfig(blur=1.0)])

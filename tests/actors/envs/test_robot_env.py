@@ -2,13 +2,14 @@
 
 import ctypes
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import gymnasium
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 from gymnasium.utils.seeding import np_random
+from numpy.typing import NDArray
 
 import actors.envs
 from actors.envs.emulator import Emulator
@@ -17,7 +18,11 @@ from actors.envs.robot import RobotEnv
 from common.actions import KEYS_OF_ACTION, Keys
 from common.errors import InputError
 from common.run.conditions import PlayConfig
+from tests.actors.envs.narrowed import frames_of, nao_of
 from tests.actors.envs.sticky_reference import StickyActions
+
+Picture = NDArray[np.uint8]
+Draw = Callable[[Picture], Picture]
 
 
 @pytest.fixture(scope="module")
@@ -29,11 +34,11 @@ def env() -> Iterator[RobotEnv]:
 
 def play(env: RobotEnv, seed: int, steps: int) -> list[object]:
     state, info = env.reset(seed=seed)
-    seen: list[object] = [state.tobytes(), info]
+    seen: list[object] = [frames_of(state).tobytes(), info]
     rng = np.random.default_rng(seed)
     for action in rng.integers(18, size=steps):
         state, reward, terminated, truncated, info = env.step(int(action))
-        seen += [state.tobytes(), reward, terminated, truncated, info]
+        seen += [frames_of(state).tobytes(), reward, terminated, truncated, info]
     return seen
 
 
@@ -85,21 +90,20 @@ def test_without_an_eye_pictures_are_taken_only_for_who_looks() -> None:
     unseen, watched, seeing = (RobotEnv(play=each) for each in (emulator, emulator, PlayConfig()))
     drawn: list[RobotEnv] = []
     for env in (unseen, watched, seeing):
+        nao = nao_of(env)
 
-        def draw(  # type: ignore[no-untyped-def]
-            game, env=env, draw=env.robot.picture
-        ):
+        def draw(game: Picture, env: RobotEnv = env, nao_draws: Draw = nao.picture) -> Picture:
             drawn.append(env)
-            return draw(game)
+            return nao_draws(game)
 
-        env.robot.picture = draw  # type: ignore[method-assign]
+        nao.picture = draw  # type: ignore[method-assign]
     for env in (unseen, watched, seeing):
         env.reset(seed=3)
     for action in np.random.default_rng(3).integers(18, size=12):
         (state, *rest), (other, *same), (_, *third) = (
             env.step(int(action)) for env in (unseen, watched, seeing)
         )
-        assert state.tobytes() == other.tobytes()
+        assert frames_of(state).tobytes() == frames_of(other).tobytes()
         assert rest == same == third
         assert (watched.seen == seeing.seen).all()
         assert (watched.seen == watched.seen).all()
@@ -115,8 +119,8 @@ def test_the_eye_sees_what_the_emulator_shows(env: RobotEnv) -> None:
         state, _, _, _, info = env.step(int(rng.integers(18)))
         assert info["valid_frame"]
         truth = shrink(env.emulator.screen_grey())
-        assert np.abs(state[-1].astype(int) - truth).mean() <= 2.0
-    assert state[-1].std() > 10
+        assert np.abs(frames_of(state)[-1].astype(int) - truth).mean() <= 2.0
+    assert frames_of(state)[-1].std() > 10
 
 
 def test_a_camera_that_freezes_is_told(env: RobotEnv, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -176,7 +180,7 @@ def test_all_actions_are_pressed(env: RobotEnv, action: int) -> None:
     env.reset(seed=3)
     matches = [env.step(action)[4]["keys_match"] for _ in range(3)]
     assert matches[1:] == [True, True]
-    assert env.robot.controller.held == KEYS_OF_ACTION[action]
+    assert nao_of(env).controller.held == KEYS_OF_ACTION[action]
 
 
 def test_keys_match_tells_of_a_hand_that_does_not_obey(
@@ -186,7 +190,7 @@ def test_keys_match_tells_of_a_hand_that_does_not_obey(
     for _ in range(3):
         env.step(0)
     with monkeypatch.context() as broken:
-        broken.setattr(env.robot.arms.right, "advance", lambda: None)
+        broken.setattr(nao_of(env).arms.right, "advance", lambda: None)
         for _ in range(3):
             *_, info = env.step(1)
         assert not info["keys_match"]
@@ -200,14 +204,14 @@ def test_a_random_start_goes_through_the_hands() -> None:
     still = RobotEnv(play=PlayConfig(random_starts=0))
     _, info = still.reset(seed=0)
     assert info["game_steps"] == 0
-    assert still.robot.controller.held == Keys.NONE
+    assert nao_of(still).controller.held == Keys.NONE
     still.close()
     moved = RobotEnv(play=PlayConfig(random_starts=5))
     steps, held = [], []
     for seed in range(6):
         _, info = moved.reset(seed=seed)
         steps.append(info["game_steps"])
-        held.append(moved.robot.controller.held)
+        held.append(nao_of(moved).controller.held)
     assert len(set(steps)) > 1
     assert max(steps) <= 5
     assert set(held) != {Keys.NONE}
@@ -245,7 +249,7 @@ def test_minimal_actions() -> None:
     env.reset(seed=0)
     for _ in range(2):
         env.step(1)
-    assert env.robot.controller.held == Keys.FIRE
+    assert nao_of(env).controller.held == Keys.FIRE
     env.close()
 
 

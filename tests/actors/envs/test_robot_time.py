@@ -5,37 +5,31 @@ import multiprocessing
 import os
 import time
 from collections.abc import Iterator
-from contextlib import nullcontext
 from typing import Any
 
 import numpy as np
 import pytest
 
+from actors.envs.clock import Lockstep
 from actors.envs.robot import RobotEnv
 from actors.envs.world import AgentStep
 from common.actions import KEYS_OF_ACTION, Keys
 from common.run.clock import ClockConfig
 from common.run.conditions import PlayConfig
+from tests.actors.envs.narrowed import nao_of
 
 WAITING = ClockConfig(wait_action=True)
 PLAY = PlayConfig(random_starts=0)
 GAMMA = 0.9
 
 
-class ScriptedClock:
+class ScriptedClock(Lockstep):
     """Agent steps as they come, some of them before the command."""
 
     def __init__(self, missed: list[AgentStep], passing: list[list[AgentStep]]) -> None:
         self.late_frames = 0
         self._missed = missed
         self._passing = iter(passing)
-
-    def start(self) -> None: ...
-    def stop(self) -> None: ...
-    def close(self) -> None: ...
-
-    def still(self) -> nullcontext[None]:
-        return nullcontext()
 
     def command(self, action: int) -> list[AgentStep]:
         return list(self._missed)
@@ -173,16 +167,16 @@ def test_waiting_in_lockstep_ends_with_the_keys_that_were_commanded() -> None:
 def test_a_hand_that_does_not_move_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
     env = RobotEnv(play=PlayConfig(random_starts=0, wait_bound=3), clock=WAITING)
     env.reset(seed=1)
-    monkeypatch.setattr(env.robot.arms.right, "advance", lambda: None)
+    monkeypatch.setattr(nao_of(env).arms.right, "advance", lambda: None)
     *_, info = env.step(1)
     assert (info["elapsed"], info["gave_up"], info["keys_match"]) == (3, True, False)
     env.close()
 
 
 def test_the_papers_order_is_an_agent_step_later() -> None:
-    pressed = {}
+    pressed: dict[str, list[Keys]] = {}
     for order in ("frame", "decision"):
-        env = RobotEnv(play=PlayConfig(random_starts=0, read_keys=order))  # type: ignore[arg-type]
+        env = RobotEnv(play=PlayConfig(random_starts=0, read_keys=order))
         env.reset(seed=1)
         pressed[order] = []
         for action in (1, 1, 1, 0, 0, 0):

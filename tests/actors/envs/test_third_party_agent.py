@@ -49,8 +49,13 @@ def test_dqn_trains_on_the_robot() -> None:
             seed=1,
         )
         before = {name: value.clone() for name, value in agent.q_net.state_dict().items()}
-        losses = []
-        agent.learn(STEPS, callback=lambda now, _: losses.append(loss_of(now["self"])) or True)
+        losses: list[float | None] = []
+
+        def note(now: dict[str, Any], _: dict[str, Any]) -> bool:
+            losses.append(loss_of(now["self"]))
+            return True
+
+        agent.learn(STEPS, callback=note)
     finally:
         env.close()
     assert agent.num_timesteps == len(env.infos) == STEPS
@@ -58,6 +63,7 @@ def test_dqn_trains_on_the_robot() -> None:
     assert sum(info["keys_match"] for info in env.infos) > 0.9 * STEPS
     # Pong is lost after 750 to 850 agent steps of chance.
     scores = [info["game_score"] for info in env.infos if info["game_over"]]
+    assert agent.ep_info_buffer is not None
     assert len(scores) == len(agent.ep_info_buffer) >= 2
     assert all(-21 <= score <= 21 for score in scores)
     assert agent._n_updates == math.ceil((STEPS - WARMUP) / TRAIN_EVERY)
@@ -71,4 +77,5 @@ def test_dqn_trains_on_the_robot() -> None:
 
 def loss_of(agent: Any) -> float | None:
     """Returns the loss of the last update; None before the first."""
-    return agent.logger.name_to_value.get("train/loss")
+    loss: float | None = agent.logger.name_to_value.get("train/loss")
+    return loss

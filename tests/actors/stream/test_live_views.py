@@ -21,7 +21,7 @@ from actors.stream.live_views import LiveViews
 from common.actions import KEYS_OF_ACTION
 from common.errors import MessageError
 from common.network import build_network
-from common.protocol.live_view import LiveView, Viewpoint, ViewRequest
+from common.protocol.live_view import MAX_PICTURE_BYTES, LiveView, Viewpoint, ViewRequest
 from common.protocol.run_keys import RunKeys
 from common.run.conditions import PlayConfig
 from common.run.presets import PRESETS
@@ -68,6 +68,7 @@ def _at_once(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def decoded(jpeg: bytes) -> NDArray[np.uint8]:
     picture = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)
+    assert picture is not None
     return np.asarray(picture[:, :, ::-1], np.uint8)
 
 
@@ -128,9 +129,14 @@ def test_each_environment_of_an_actor_is_shown(hub: Transport, client: Transport
 def test_nothing_is_drawn_while_nobody_looks(
     hub: Transport, client: Transport, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    drawn = []
+    drawn: list[NDArray[np.uint8] | None] = []
     encode = live_views._jpeg
-    monkeypatch.setattr(live_views, "_jpeg", lambda *each: drawn.append(1) or encode(*each))
+
+    def note(picture: NDArray[np.uint8] | None) -> bytes:
+        drawn.append(picture)
+        return encode(picture)
+
+    monkeypatch.setattr(live_views, "_jpeg", note)
     stage = Stage(hub, client, NumberedEnv([GOES_ON]))
     stage.policy.epsilon = 1.0
     never: Future[Envelope] = Future()
@@ -189,5 +195,5 @@ def test_what_cannot_be_shown_is_refused(hub: Transport, client: Transport) -> N
 def test_a_picture_fits_whatever_it_shows() -> None:
     noise = np.random.default_rng(0).integers(0, 256, (1_200, 1_600, 3), np.uint8)
     small = live_views._jpeg(noise)
-    assert 0 < len(small) <= live_views.MAX_PICTURE_BYTES
+    assert 0 < len(small) <= MAX_PICTURE_BYTES
     assert decoded(small).shape == (480, 640, 3)

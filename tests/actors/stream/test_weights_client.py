@@ -7,7 +7,7 @@ import pytest
 from actors.stream import weights_client as weights_inbox
 from actors.stream.weights_client import WeightsClient
 from common.protocol.run_keys import RunKeys
-from common.transport.interface import Envelope, Transport
+from common.transport.interface import Envelope, Request, Transport
 from tests.hub_stubs import PendingRequests
 from tests.patience import PATIENCE
 
@@ -97,7 +97,12 @@ def test_nobody_asks_more_often_than_a_hub_answers(
     """A question that the hub drops would hold the actor up for seconds."""
     monkeypatch.setattr(weights_inbox, "_FETCH_PERIOD", PATIENCE)
     asked: list[bytes] = []
-    hub.serve(KEYS.latest_weights, lambda request: asked.append(request.payload) or b"")
+
+    def note(request: Request) -> bytes:
+        asked.append(request.payload)
+        return b""
+
+    hub.serve(KEYS.latest_weights, note)
     inbox = WeightsClient(client, KEYS)
     for _ in range(3):
         inbox.fetch()
