@@ -11,7 +11,7 @@ from common.checked import Amount, Count, Fraction, Invalid, Rows, Score, Values
 
 class Pair(NamedTuple):
     value: Score
-    count: Count
+    amount: Count
     later: Count = 7
 
 
@@ -179,7 +179,7 @@ def test_rows_are_lists_of_values() -> None:
         [1.1e9, 1],
         [-1.1e9, 1],
         [float("nan"), 2],
-        {"value": 1.0, "count": 2},
+        {"value": 1.0, "amount": 2},
     ],
 )
 def test_a_row_of_other_values_is_refused(row: Any) -> None:

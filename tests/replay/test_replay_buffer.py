@@ -766,7 +766,7 @@ def test_chunks_that_do_not_fit_the_run_are_refused(tmp_path: Path, fault: str) 
 
 
 def test_a_run_has_one_identity_from_its_beginning_to_its_end(tmp_path: Path) -> None:
-    def run_id(folder: str, **settings: object) -> str:
+    def run_id(folder: str, **settings: Any) -> str:
         buffer = ReplayBuffer(make_config(**settings), tmp_path / folder)
         buffer.close()
         return buffer.run_id

@@ -164,6 +164,7 @@ def test_an_actor_over_its_quota_waits_alone_and_loses_nothing(
     # Eight frames and their header are more than a second's, so the next has to wait.
     assert place.buffer.progress(0).accepted == 1
     told = place.remote.progress(0).values()["stream/over_quota"]
+    assert isinstance(told, int)
     assert 0 < told <= place.buffer.over_quota  # it is sent again and again
     with pytest.raises(Unanswered):
         ask(place.client, KEYS.insert("fast"), b"")

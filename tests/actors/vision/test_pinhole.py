@@ -13,7 +13,7 @@ WINDOW = (slice(40, 140), slice(90, 230))
 
 @pytest.mark.parametrize("lens", [None, Lens(0.06, (320, 240))])
 def test_parts_are_those_of_the_whole(lens: Lens | None) -> None:
-    grey = cv2.cvtColor(IMAGE, cv2.COLOR_RGB2GRAY)
+    grey = np.asarray(cv2.cvtColor(IMAGE, cv2.COLOR_RGB2GRAY), np.uint8)
     whole = grey if lens is None else lens.straighten(grey)
     assert np.array_equal(PinholeView(IMAGE, lens).whole, whole)
     assert np.array_equal(PinholeView(IMAGE, lens).as_taken, grey)

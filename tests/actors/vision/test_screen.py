@@ -17,7 +17,8 @@ def middle() -> NDArray[np.float64]:
     """Returns the pixel of the projected picture's centre, where its diagonals meet."""
     left_top, right_top, right_low, left_low = OUTER.astype(float)
     ways = np.column_stack([right_low - left_top, right_top - left_low])
-    return left_top + np.linalg.solve(ways, right_top - left_top)[0] * (right_low - left_top)
+    share: float = np.linalg.solve(ways, right_top - left_top)[0]
+    return np.asarray(left_top + share * (right_low - left_top), np.float64)
 
 
 def test_the_middle_of_the_picture_is_the_middle_of_the_frame() -> None:

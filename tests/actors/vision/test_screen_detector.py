@@ -33,7 +33,8 @@ class Pose(NamedTuple):
     def rotation(self) -> NDArray[np.float64]:
         (cy, sy), (cp, sp) = ((np.cos(a), np.sin(a)) for a in np.radians((self.yaw, self.pitch)))
         turn = np.array([[cy, 0, sy], [0, 1, 0], [-sy, 0, cy]])
-        return turn @ np.array([[1, 0, 0], [0, cp, -sp], [0, sp, cp]])
+        tilt = np.array([[1, 0, 0], [0, cp, -sp], [0, sp, cp]])
+        return np.asarray(turn @ tilt, np.float64)
 
     def project(self, on_wall: NDArray[np.float64]) -> NDArray[np.float64]:
         """Returns the pixels of points (x, y) on the wall."""
@@ -86,8 +87,12 @@ def _digital(
     return np.clip(np.round(noisy), 0, 255).astype(np.uint8)
 
 
+Screens = dict[str, NDArray[np.uint8]]
+"""What the emulator shows, by game."""
+
+
 @pytest.fixture(scope="module")
-def screens() -> dict[str, NDArray[np.uint8]]:
+def screens() -> Screens:
     found = {"white": np.full((210, 160, 3), 255, np.uint8), "black": np.zeros((210, 160, 3), "u1")}
     for game in ("pong", "space_invaders", "asteroids", "breakout"):
         emulator = Emulator(game, 0)
@@ -105,7 +110,9 @@ def _error(corners: NDArray[np.float32] | None, pose: Pose) -> float:
 
 @pytest.mark.parametrize("game", ["white", "black", "pong", "space_invaders", "asteroids"])
 @pytest.mark.parametrize(("samples", "noise"), [(3, 4.0), (1, 0.0), (1, 8.0)])
-def test_corners_are_within_a_pixel_and_a_half(screens, game, samples, noise) -> None:
+def test_corners_are_within_a_pixel_and_a_half(
+    screens: Screens, game: str, samples: int, noise: float
+) -> None:
     rng = np.random.default_rng([samples, int(noise), len(game)])
     errors = []
     for _ in range(8):
@@ -113,12 +120,13 @@ def test_corners_are_within_a_pixel_and_a_half(screens, game, samples, noise) ->
         picture = _photograph(pose, screens[game], samples=samples, wall=rng.uniform(110, 240))
         detection = ScreenDetector().detect(_digital(picture, rng, noise))
         assert detection.valid
+        assert detection.corners is not None
         assert detection.corners.dtype == np.float32
         errors.append(_error(detection.corners, pose))
     assert np.percentile(errors, 95) <= 1.5
 
 
-def test_hands_in_front_of_the_lower_edge_do_not_move_the_corners(screens) -> None:
+def test_hands_in_front_of_the_lower_edge_do_not_move_the_corners(screens: Screens) -> None:
     rng = np.random.default_rng(3)
     for colour in (235, 20):
         for _ in range(6):
@@ -137,7 +145,7 @@ def test_hands_in_front_of_the_lower_edge_do_not_move_the_corners(screens) -> No
             assert _error(detection.corners, pose) <= 1.5
 
 
-def test_a_corner_hidden_at_the_first_detection_is_where_its_sides_meet(screens) -> None:
+def test_a_corner_hidden_at_the_first_detection_is_where_its_sides_meet(screens: Screens) -> None:
     rng = np.random.default_rng(4)
     pose = Pose()
     picture = _photograph(pose, screens["pong"])
@@ -148,7 +156,7 @@ def test_a_corner_hidden_at_the_first_detection_is_where_its_sides_meet(screens)
     assert _error(detection.corners, pose) <= 1.5
 
 
-def test_a_dark_hand_along_a_whole_side_is_not_taken_for_the_side(screens) -> None:
+def test_a_dark_hand_along_a_whole_side_is_not_taken_for_the_side(screens: Screens) -> None:
     """A hidden side cannot be located: the detector finds no screen rather than a wrong one."""
     rng = np.random.default_rng(11)
     refused = 0
@@ -165,7 +173,7 @@ def test_a_dark_hand_along_a_whole_side_is_not_taken_for_the_side(screens) -> No
     assert refused >= 12
 
 
-def test_a_hidden_side_does_not_matter_once_the_screen_is_known(screens) -> None:
+def test_a_hidden_side_does_not_matter_once_the_screen_is_known(screens: Screens) -> None:
     """Three sides in place confirm the screen, unless it moved meanwhile."""
     rng = np.random.default_rng(12)
     for noise in (0.0, 6.0):
@@ -173,6 +181,7 @@ def test_a_hidden_side_does_not_matter_once_the_screen_is_known(screens) -> None
             pose = _random_pose(rng)
             detector = ScreenDetector()
             known = detector.detect(_digital(_photograph(pose, screens["pong"]), rng, noise))
+            assert known.corners is not None
             x, y, z = pose.position
             for nudge, moved in ((0.0, False), (0.03, True)):
                 now = pose._replace(position=(x + nudge, y + nudge, z))
@@ -181,10 +190,11 @@ def test_a_hidden_side_does_not_matter_once_the_screen_is_known(screens) -> None
                 picture[:, : int(max(corners[[0, 3], 0])) + 6] = 45
                 detection = detector.detect(_digital(picture, rng, noise))
                 assert detection.valid != moved
+                assert detection.corners is not None
                 assert np.array_equal(detection.corners, known.corners)
 
 
-def test_the_frame_is_the_emulators_own(screens) -> None:
+def test_the_frame_is_the_emulators_own(screens: Screens) -> None:
     rng = np.random.default_rng(5)
     for game in ("pong", "space_invaders"):
         for _ in range(4):
@@ -220,15 +230,17 @@ def test_before_the_first_detection_the_frame_is_empty_and_invalid() -> None:
         assert detection.frame.shape == (84, 84)
 
 
-def test_without_a_screen_the_last_homography_is_kept(screens) -> None:
+def test_without_a_screen_the_last_homography_is_kept(screens: Screens) -> None:
     rng = np.random.default_rng(6)
     pose = _random_pose(rng)
     picture = _digital(_photograph(pose, screens["pong"]), rng)
     detector = ScreenDetector()
     good = detector.detect(picture)
+    assert good.corners is not None
     for blank in (np.zeros_like(picture), np.full_like(picture, 130)):
         detection = detector.detect(blank)
         assert not detection.valid
+        assert detection.corners is not None
         assert np.array_equal(detection.corners, good.corners)
         assert (detection.frame == blank[0, 0, 0]).all()
     again = detector.detect(picture)
@@ -251,14 +263,14 @@ def test_dark_objects_without_a_black_border_are_not_detected() -> None:
         assert not ScreenDetector().detect(_digital(picture, rng, 3.0)).valid
 
 
-def test_a_screen_cut_off_by_the_pictures_edge_is_not_detected(screens) -> None:
+def test_a_screen_cut_off_by_the_pictures_edge_is_not_detected(screens: Screens) -> None:
     pose = Pose(position=(0.75, 0.0, -1.6))
     picture = _photograph(pose, screens["pong"])
     assert pose.project(_GAME_CORNERS)[0, 0] < 0
     assert not ScreenDetector().detect(_digital(picture, np.random.default_rng(8))).valid
 
 
-def test_a_moved_camera_is_followed(screens) -> None:
+def test_a_moved_camera_is_followed(screens: Screens) -> None:
     rng = np.random.default_rng(9)
     detector = ScreenDetector()
     for _ in range(6):

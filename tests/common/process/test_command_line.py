@@ -11,7 +11,7 @@ from annotated_types import Ge, Lt
 
 from common.checked import Patience
 from common.errors import InputError
-from common.process.command_line import RunFlags, WeightsFile, parse, parse_run, preset_of
+from common.process.command_line import RunOptions, WeightsFile, parse, parse_run, preset_of
 from common.process.exit_codes import EXIT_CODES
 from common.run.conditions import RandomiseConfig
 from common.run.config import RunConfig, all_ranges
@@ -21,14 +21,11 @@ from common.run.stored_config import to_json
 
 
 @dataclass(frozen=True)
-class Options:
+class Options(RunOptions):
     """What the program does."""
 
-    config: RunFlags
     run: str = "r"
     """Name of the run."""
-    resume: bool = False
-    """Go on."""
 
 
 def parsed(*arguments: str, stored: RunConfig | None = None) -> Options:
@@ -79,7 +76,7 @@ def test_flags_go_over_the_preset() -> None:
     options = parsed("--env", "ale", "--game", "breakout", "--learning.n-step=1", "--run", "x")
     fast = PRESETS["fast"]
     learning = replace(fast.learning, n_step=1)
-    assert options == Options(replace(fast, game="breakout", learning=learning), "x")
+    assert options == Options(replace(fast, game="breakout", learning=learning), run="x")
 
 
 def test_a_robot_is_named_by_either_flag_and_its_file_gets_a_hash(tmp_path: Path) -> None:
@@ -104,7 +101,7 @@ def test_all_ranges_are_drawn_except_for_those_that_are_given() -> None:
         "--randomise.all", "--randomise.noise", "0", "--randomise.latency=3", "--run", "x"
     )
     ranges = replace(everything, noise=0.0, latency=3)
-    assert found == Options(replace(PRESETS["robot"], randomise=ranges), "x")
+    assert found == Options(replace(PRESETS["robot"], randomise=ranges), run="x")
     assert parsed("--preset", "fast", "--randomise.all").config.randomise == all_ranges("ale")
     assert parsed("--preset", "fast", "--randomise.all", "--env", "robot").config.randomise == (
         everything
@@ -132,7 +129,7 @@ def test_the_defaults_in_the_help_are_the_presets(capsys: pytest.CaptureFixture[
 
 def test_a_resumed_run_keeps_its_own_settings() -> None:
     stored = replace(PRESETS["paper"], seed=7)
-    assert parsed("--resume", stored=stored) == Options(stored, "r", True)
+    assert parsed("--resume", stored=stored) == Options(stored, resume=True)
     assert parsed("--resume", "--env", "ale", stored=stored).config == stored
 
 
@@ -358,7 +355,7 @@ def test_settings_of_a_file_go_over_the_preset_and_below_the_flags(tmp_path: Pat
         play=replace(fast.play, minimal_actions=False),
         learning=replace(fast.learning, n_step=2),
     )
-    assert options == Options(expected, "x")
+    assert options == Options(expected, run="x")
 
 
 def test_settings_of_a_stored_run_or_a_card_are_taken_whole(tmp_path: Path) -> None:

@@ -109,7 +109,7 @@ def test_it_writes_nothing_where_a_link_leads(tmp_path: Path) -> None:
 
 def test_the_same_is_logged_once_in_a_while(monkeypatch: pytest.MonkeyPatch) -> None:
     now = [0.0]
-    monkeypatch.setattr(log_lines.time, "monotonic", lambda: now[0])
+    monkeypatch.setattr("common.process.log_lines.time.monotonic", lambda: now[0])
     seldom = Seldom()
 
     def passes(subject: str, reason: str, level: int = logging.WARNING) -> bool:

@@ -13,7 +13,6 @@ import pytest
 
 from common.errors import InputError
 from common.process import lifeline
-from common.process import supervisor as module
 from common.process.supervisor import Child, Supervisor
 from tests.clock import Clock
 from tests.patience import PATIENCE
@@ -259,6 +258,6 @@ def test_children_have_as_long_as_each_gives_itself_to_leave(
 ) -> None:
     given: list[float] = []
     child = SimpleNamespace(ask_to_leave=lambda: None, end=given.append)
-    monkeypatch.setattr(module.time, "monotonic", lambda: 5.0)
+    monkeypatch.setattr("common.process.supervisor.time.monotonic", lambda: 5.0)
     Supervisor({"a": lambda: child}).close()  # type: ignore[dict-item, return-value]
     assert given == [lifeline.GRACE]

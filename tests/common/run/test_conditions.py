@@ -191,11 +191,12 @@ def bounds(name: str, kind: type) -> tuple[Any, Any]:
 @st.composite
 def ranges(draws: st.DrawFn) -> RandomiseConfig:
     """Ranges up to the double of the published ones, of which some reach beyond a bound."""
-    values = {}
+    values: dict[str, Any] = {}
     for field in fields(RandomiseConfig):
-        number = st.integers if type(field.default) is int else st.floats
+        least: Any = field.default
+        number: Any = st.integers if type(least) is int else st.floats
         most = 2 * getattr(ALL, field.name)
-        values[field.name] = draws(number(field.default, most))  # type: ignore[operator]
+        values[field.name] = draws(number(least, most))
     return RandomiseConfig(**values)
 
 
@@ -213,7 +214,7 @@ def test_what_is_admitted_never_draws_what_is_not(ranges: RandomiseConfig, seed:
 
 def test_all_ranges_alone_are_within_the_bounds() -> None:
     for name in ("robot", "fast", "paper"):
-        preset = PRESETS[name]  # type: ignore[index]
+        preset = PRESETS[name]
         replace(preset, randomise=all_ranges(preset.env)).check()
 
 

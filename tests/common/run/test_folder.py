@@ -162,7 +162,8 @@ def test_who_only_looks_whether_a_part_is_at_work_does_not_keep_it_from_others(
 ) -> None:
     folder = claim(tmp_path, "replay")
     (tmp_path / "r/.learner.lock").touch()
-    look, claims = struct.unpack_from, []
+    look = struct.unpack_from
+    claims: list[RunFolder] = []
 
     def claim_meanwhile(*found: Any) -> tuple[Any, ...]:  # the file is open, and was looked at
         patched.undo()

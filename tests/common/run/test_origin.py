@@ -25,7 +25,7 @@ def changed(setting: str, value: Any) -> RunConfig:
     if not group:
         return replace(TRAINED, **{name: value})
     inner = replace(getattr(TRAINED, group), **{name: value})
-    return replace(TRAINED, **{group: inner})  # type: ignore[arg-type]
+    return replace(TRAINED, **{group: inner})
 
 
 @pytest.mark.parametrize(

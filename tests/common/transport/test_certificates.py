@@ -7,6 +7,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
+from functools import partial
 from itertools import cycle
 from pathlib import Path
 from queue import SimpleQueue
@@ -17,7 +18,7 @@ from common.errors import InputError
 from common.protocol.live_view import MAX_VIEW_BYTES
 from common.protocol.run_keys import RunKeys
 from common.transport.credentials import Role, check_certificates, own_name
-from common.transport.interface import Transport
+from common.transport.interface import Request, Transport
 from common.transport.zenoh_transport import connect, open_hub
 from tests.certificates import SCRIPT, certify
 from tests.paths import ROOT
@@ -156,9 +157,13 @@ def test_a_learner_sees_what_an_actor_shows(
     hub: Transport, join: Callable[[Role], Transport]
 ) -> None:
     """Through the hub; what is longer than a view is dropped there."""
+
+    def view(length: int, request: Request) -> bytes:
+        return request.payload + bytes(length)
+
     learner, actor = join("learner"), join("actor")
     for name, length in (("a", MAX_VIEW_BYTES), ("b", 2 * MAX_VIEW_BYTES + 1)):
-        actor.serve(KEYS.view("actor", name), lambda request, n=length: request.payload + bytes(n))
+        actor.serve(KEYS.view("actor", name), partial(view, length))
     wait_until(
         lambda: ask(learner, KEYS.view("actor", "a"), b"?") == [b"?" + bytes(MAX_VIEW_BYTES)],
         "the view has come",
@@ -492,7 +497,7 @@ def test_the_script_lists_runs_as_it_lists_actors(shared: Path) -> None:
     certify(shared, "--runs", "other", "third")
     assert (shared / "runs.txt").read_text() == "other\nthird\n"
     assert not (shared / "actors.txt").exists()
-    wrong = [SCRIPT, shared, "--runs", "a" * 58]
+    wrong: list[str | Path] = [SCRIPT, shared, "--runs", "a" * 58]
     ended = subprocess.run(wrong, capture_output=True, text=True, check=False)
     assert (ended.returncode, ended.stdout) == (2, "")
     assert ended.stderr.startswith("error: no run can be called")
@@ -639,9 +644,14 @@ with open_hub(sys.argv[1], Path(sys.argv[2])):
 
 def test_a_hub_prints_who_is_denied_what_when_it_is_asked_to(address: str, named: Path) -> None:
     told = {"RUST_LOG": "zenoh::net::routing::interceptor::access_control=trace"}
-    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
-    command = [sys.executable, "-c", HUB, address, str(named)]
-    with subprocess.Popen(command, cwd=ROOT, env=os.environ | told, text=True, **pipes) as hub:
+    with subprocess.Popen(
+        [sys.executable, "-c", HUB, address, str(named)],
+        cwd=ROOT,
+        env=os.environ | told,
+        text=True,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+    ) as hub:
         assert hub.stdout is not None
         while "it listens" not in next(hub.stdout):
             pass

@@ -173,7 +173,12 @@ def test_nothing_is_asked_of_connections_that_nobody_watches(
     links: Links, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     looks: list[int] = []
-    monkeypatch.setattr(flood_guard, "bytes_received", lambda port: looks.append(port) or {})
+
+    def nothing_received(port: int) -> dict[Address, int]:
+        looks.append(port)
+        return {}
+
+    monkeypatch.setattr(flood_guard, "bytes_received", nothing_received)
     links.join("learner", 1)
     links.guard.look()
     assert looks == []

@@ -59,6 +59,7 @@ class Asked:
     """A request that the test makes."""
 
     key = "k"
+    size = 0
     payload = b""
 
     def __init__(self) -> None:

@@ -544,7 +544,12 @@ def test_a_callback_that_fails_ends_the_process_with_its_reason(
             if verb == "subscribe":
                 place.hub.subscribe(KEY, fail)
                 publisher = client.publisher(KEY)
-                wait_until(lambda: publisher.publish(b"?") or stop.is_set(), "it is heard")
+
+                def is_heard() -> bool:
+                    publisher.publish(b"?")
+                    return stop.is_set()
+
+                wait_until(is_heard, "it is heard")
             elif verb == "watch_presence":
                 place.hub.watch_presence(KEY, fail)
                 client.announce(KEY)

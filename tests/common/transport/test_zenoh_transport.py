@@ -232,7 +232,8 @@ def test_who_asks_or_tells_too_often_is_not_heard(
     zenoh_hub: ZenohTransport, zenoh_client: ZenohTransport, endpoint: str
 ) -> None:
     """Each connection has its own measure, whatever names it uses."""
-    keys, heard = RunKeys("r"), []
+    keys = RunKeys("r")
+    heard: list[Envelope] = []
     zenoh_hub.subscribe(keys.stats("*", "*"), heard.append)
     zenoh_hub.serve(keys.latest_weights, lambda _: b"weights")
     flood = [zenoh_client.publisher(keys.stats("actor", name)) for name in ("a", "b")]
@@ -283,10 +284,17 @@ def test_requests_that_nobody_gets_to_answer_hold_up_nothing_else(
 def test_what_was_damaged_on_its_way_is_as_good_as_not_sent(
     zenoh_hub: ZenohTransport, zenoh_client: ZenohTransport, caplog: pytest.LogCaptureFixture
 ) -> None:
-    raw, keys, asked, heard = zenoh_client.session, RunKeys("damaged"), [], []
+    raw, keys = zenoh_client.session, RunKeys("damaged")
+    asked: list[bytes] = []
+    heard: list[Envelope] = []
     key = keys.insert("a")
-    zenoh_hub.serve(key, lambda request: asked.append(request.payload) or b"done")
-    zenoh_hub.subscribe(keys.weights, lambda told: heard.append(told))
+
+    def answer(request: Request) -> bytes:
+        asked.append(request.payload)
+        return b"done"
+
+    zenoh_hub.serve(key, answer)
+    zenoh_hub.subscribe(keys.weights, heard.append)
     good = zenoh_client.requester(key, PATIENCE)
     wait_until(lambda: good.has_server, "it is served")
     sealed = seal(key, b"payload")
@@ -297,7 +305,12 @@ def test_what_was_damaged_on_its_way_is_as_good_as_not_sent(
     assert good.request(b"whole").result().payload == b"done"
     assert asked == [b"whole"]
     publisher = zenoh_client.publisher(keys.weights)
-    wait_until(lambda: publisher.publish(b"weights", b"7") or heard, "whole weights are heard")
+
+    def are_heard() -> bool:
+        publisher.publish(b"weights", b"7")
+        return bool(heard)
+
+    wait_until(are_heard, "whole weights are heard")
     assert set(heard) == {Envelope(b"weights", b"7", keys.weights)}
     assert sorted(told.split(": ")[0] for told in caplog.messages) == [  # once, not five times
         f"a request at {key} is not answered",
@@ -318,7 +331,7 @@ def test_who_answers_without_end_is_not_listened_to_without_end(
 
     monkeypatch.setattr(zenoh_transport, "LONGEST_RECEIVED", 10_000)
     everywhere, one = RunKeys("*").config, RunKeys("r").task("e")
-    served = zenoh_hub.session.declare_queryable(everywhere, answer)
+    served: Any = zenoh_hub.session.declare_queryable(everywhere, answer)
     found = wait_until(lambda: zenoh_client.gather(everywhere, PATIENCE), "it answers")
     assert sum(len(each.payload) for each in found) == 11_000
     assert "no more than 10000 bytes of answers at ale-robot/*/config are taken" in caplog.text
@@ -340,7 +353,7 @@ def test_a_damaged_answer_is_no_answer(
     zenoh_hub: ZenohTransport, zenoh_client: ZenohTransport, answer: Callable[[zenoh.Query], None]
 ) -> None:
     key = RunKeys("r").task("e")
-    served = zenoh_hub.session.declare_queryable(key, answer)
+    served: Any = zenoh_hub.session.declare_queryable(key, answer)
     requester = zenoh_client.requester(key, PATIENCE)
     wait_until(lambda: requester.has_server, "it is served")
     assert isinstance(requester.request(b"").exception(), Unanswered)

@@ -62,6 +62,8 @@ def test_robot_and_emulator_alone_are_pressed_by_the_same_keys(
                 assert isinstance(known, dict)
                 assert (seen["vector"][:128] == known["vector"]).all()
                 seen, known = seen["frames"], known["frames"]
+            assert isinstance(seen, np.ndarray)
+            assert isinstance(known, np.ndarray)
             assert (seen == known).all()
     robot.close()
 

@@ -10,10 +10,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from actors.robots.latency_model import weights
 from actors.robots.latency_model.weights import read_weights
 from common.errors import InputError
-from common.pinned_file import pin
+from common.pinned_file import MAX_BYTES, pin
 from tests.actors.robots.latency_model.models import Arrays, drawn, saved
 
 
@@ -124,4 +123,4 @@ def test_what_is_no_archive(tmp_path: Path) -> None:
         (tmp_path / "m.npz").write_bytes(content)
         with pytest.raises(InputError, match="holds no latency model"):
             read_weights(str(tmp_path / "m.npz"))
-    assert weights.MAX_BYTES == 2**26
+    assert MAX_BYTES == 2**26

@@ -43,7 +43,7 @@ def motion_energy(room: Nao) -> float:
     engine = room._engine
     links = range(engine.getNumJoints(room.body))
     states = engine.getLinkStates(room.body, list(links), computeLinkVelocity=1)
-    masses = [engine.getDynamicsInfo(room.body, link)[0] for link in links]
+    masses: list[float] = [engine.getDynamicsInfo(room.body, link)[0] for link in links]
     return sum(
         mass * float(np.square(state[6]).sum()) / 2
         for mass, state in zip(masses, states, strict=True)

@@ -58,7 +58,9 @@ def test_its_check_is_green(
     said = capsys.readouterr().out
     assert said.count("│ green │") == 4
     assert "command → keys, 612 changes" in said
-    assert cv2.imread(str(path)).shape == (768, 1024, 3)
+    picture = cv2.imread(str(path))
+    assert picture is not None
+    assert picture.shape == (768, 1024, 3)
 
 
 def test_a_policy_that_feels_naos_joints_cannot_play_on_it(

@@ -31,7 +31,9 @@ def to_unit_square(corners: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.append(np.linalg.solve(np.array(rows), values), 1.0).reshape(3, 3)
 
 
-def at(homography: NDArray[np.float64], x: NDArray, y: NDArray) -> tuple[NDArray, NDArray]:
+def at(
+    homography: NDArray[np.float64], x: NDArray[np.float64], y: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     across, down, scale = (row[0] * x + row[1] * y + row[2] for row in homography)
     return across / scale, down / scale
 
@@ -68,18 +70,20 @@ def straightforward(room: Nao, game: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return np.rint(picture).astype(np.uint8)
 
 
-def bilinear(game: NDArray[np.int64], x: NDArray, y: NDArray) -> NDArray[np.int64]:
+def bilinear(
+    game: NDArray[np.int64], x: NDArray[np.float64], y: NDArray[np.float64]
+) -> NDArray[np.int64]:
     """Samples ``game``, surrounded by black, at places rounded to 1/32 pixel."""
     rows, columns = game.shape[:2]
     padded = np.zeros((rows + 4, columns + 4, 3), np.int64)
     padded[2:-2, 2:-2] = game
-    x = np.rint(x.astype(np.float32) * 32).astype(np.int64)
-    y = np.rint(y.astype(np.float32) * 32).astype(np.int64)
-    left, top = np.clip(x >> 5, -2, columns) + 2, np.clip(y >> 5, -2, rows) + 2
-    right_share, low_share = (x & 31)[:, None], (y & 31)[:, None]
+    across = np.rint(x.astype(np.float32) * 32).astype(np.int64)
+    down = np.rint(y.astype(np.float32) * 32).astype(np.int64)
+    left, top = np.clip(across >> 5, -2, columns) + 2, np.clip(down >> 5, -2, rows) + 2
+    right_share, low_share = (across & 31)[:, None], (down & 31)[:, None]
     upper = padded[top, left] * (32 - right_share) + padded[top, left + 1] * right_share
     lower = padded[top + 1, left] * (32 - right_share) + padded[top + 1, left + 1] * right_share
-    return (upper * (32 - low_share) + lower * low_share + 512) >> 10
+    return np.asarray((upper * (32 - low_share) + lower * low_share + 512) >> 10, np.int64)
 
 
 def move_arms(room: Nao, rng: np.random.Generator) -> None:

@@ -33,7 +33,7 @@ def reference(room: Nao, game: NDArray[np.uint8]) -> NDArray[np.float64]:
     Between two and three of the game's rows fall on one of the camera's, so the picture is drawn
     from the means of pairs of rows.
     """
-    game = game.reshape(ROWS // 2, 2, COLUMNS, 3).mean(axis=1)
+    pairs = game.reshape(ROWS // 2, 2, COLUMNS, 3).mean(axis=1)
     camera = room.view_of_robot.camera
     image = np.full((camera.height, camera.width, 3), np.nan)
     left_top, right_top, _, left_bottom = PICTURE_CORNERS
@@ -52,8 +52,8 @@ def reference(room: Nao, game: NDArray[np.uint8]) -> NDArray[np.float64]:
             if not (0 <= u <= 1 and 0 <= v <= 1):
                 continue
             game_x = (u * (1 + 2 * BORDER) - BORDER) * COLUMNS - 0.5
-            game_y = (v * (1 + 2 * BORDER) - BORDER) * len(game) - 0.5
-            image[row, column] = bilinear(game, game_x, game_y)
+            game_y = (v * (1 + 2 * BORDER) - BORDER) * len(pairs) - 0.5
+            image[row, column] = bilinear(pairs, game_x, game_y)
     return image
 
 

@@ -332,7 +332,7 @@ def test_the_eye_turns_and_the_screen_moves_as_told(room: Nao) -> None:
         (CameraConfig(screen_distance=1.15), 0.0, 1.15),
     ):
         room.begin_game(Conditions(PlayConfig(), settings), np.random.default_rng(0))
-        away = gaze(room.view_of_robot.camera) @ gaze(usual)
+        away = float(gaze(room.view_of_robot.camera) @ gaze(usual))
         # A head that is pitched turns the same whatever its posture; yaw is about the vertical.
         assert np.degrees(np.arccos(min(away, 1.0))) == pytest.approx(turned, abs=0.15)
         near = room.furniture.picture_corners[:, 0] - usual.position[0]
