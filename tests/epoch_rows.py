@@ -9,7 +9,7 @@ from common.run.epochs import EpochRow
 def epoch_row(scores: Sequence[float] = (), **columns: Any) -> EpochRow:
     """Returns the row of a phase in which games with these scores ended, with plain values
     in all other columns."""
-    plain = {
+    plain: dict[str, Any] = {
         "epoch": 0,
         "phase": "random",
         "steps": 1_000,

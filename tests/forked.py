@@ -64,7 +64,7 @@ def _become(
     sys.path[:0] = environment.get("PYTHONPATH", "").split(os.pathsep)
     if forks:
         # The server that forked this process forks its children; else each would begin another.
-        forkserver._forkserver.ensure_running = lambda: None  # type: ignore[attr-defined]
+        forkserver._forkserver.ensure_running = lambda: None  # type: ignore[method-assign]
         for name, method in FORKING.items():
             setattr(subprocess.Popen, name, method)
     module, sys.argv = arguments[0] == "-m", list(arguments)
@@ -135,17 +135,20 @@ def _start(self: Any, args: Any, *more: Any) -> None:
 def _fork_polled(self: Any) -> int | None:
     if self.fork is None:
         return _poll(self)
-    self.returncode = self.fork.exitcode
-    return self.returncode
+    ended: int | None = self.fork.exitcode
+    self.returncode = ended
+    return ended
 
 
 def _fork_waited(self: Any, timeout: float | None = None) -> int:
     if self.fork is None:
         return _wait(self, timeout)
     self.fork.join(timeout)
-    if self.poll() is None:
+    ended = _fork_polled(self)
+    if ended is None:
+        assert timeout is not None
         raise subprocess.TimeoutExpired(self.args, timeout)
-    return self.returncode
+    return ended
 
 
 FORKING = {"fork": None, "_execute_child": _start, "poll": _fork_polled, "wait": _fork_waited}

@@ -11,5 +11,5 @@ from tests.tiny_network import TINY
 # Flags and their help are read from source code, and each setting's check is built.
 parse_run(LearnerOptions, "learner", [], lambda _: None)
 # A busy machine may take its time over an actor's last chunk.
-actor.FAREWELL = lifeline.GRACE = supervisor.GRACE = PATIENCE
+actor.FAREWELL = lifeline.GRACE = supervisor.GRACE = PATIENCE  # type: ignore[attr-defined]
 LAYERS["nips"] = TINY

@@ -2,6 +2,7 @@
 
 import json
 import os
+import time
 from pathlib import Path
 from typing import Any
 
@@ -55,7 +56,7 @@ def test_a_rate_is_steps_between_two_chunks(monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setattr(actor_steps, "_FIRST", 3)
     monkeypatch.setattr(actor_steps, "Child", lambda *_, **__: Process())
     monkeypatch.setattr(os, "sched_setaffinity", lambda *_: None)
-    monkeypatch.setattr(actor_steps.time, "sleep", lambda _: None)
+    monkeypatch.setattr(time, "sleep", lambda _: None)
     assert hub.steps_per_second(1, 5.0) == (512 - 192) / (7.0 - 2.5)
 
 

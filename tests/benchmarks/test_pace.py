@@ -1,5 +1,7 @@
 """Turns and slices: what is compared works side by side, and warm-up does not count."""
 
+from functools import partial
+
 from benchmarks.pace import Spread, in_turns, per_second, slice_per_second
 
 
@@ -10,7 +12,7 @@ def test_contenders_take_turns_and_the_first_does_not_count() -> None:
         order.append(name)
         return f"{name}{len(order)}"
 
-    found = in_turns({name: lambda name=name: work(name) for name in "ab"}, 2)
+    found = in_turns({name: partial(work, name) for name in "ab"}, 2)
     assert order == list("ababab")
     assert found == {"a": ["a3", "a5"], "b": ["b4", "b6"]}
 

@@ -27,10 +27,11 @@ from tests.paths import ROOT
 @pytest.mark.parametrize("name", BENCHMARKS)
 def test_a_benchmark_is_a_module_that_takes_its_published_flags(name: str) -> None:
     module = importlib.import_module(f"benchmarks.{name}")
-    assert is_dataclass(module.Options)
+    kind: type[BenchmarkOptions] = module.Options
+    assert is_dataclass(kind)
     assert f'main("{name}", Options, measure)' in Path(module.__file__ or "").read_text()
     for result, flags in BENCHMARKS[name].published.items():
-        options = tyro.cli(module.Options, args=shlex.split(flags))
+        options = tyro.cli(kind, args=shlex.split(flags))
         options.check()
         published = json.loads((RESULTS / f"{result}.json").read_text())
         assert {"title", "rows", "machine", "git_commit"} <= set(published)

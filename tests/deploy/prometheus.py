@@ -9,6 +9,7 @@ import urllib.parse
 import urllib.request
 from collections.abc import Iterator, Set
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -65,7 +66,7 @@ class Prometheus:
                 if query in empty:
                     continue
                 found = wait_until(
-                    lambda query=query: self.ask(query),  # a rate needs two readings
+                    partial(self.ask, query),  # a rate needs two readings
                     f"{panel['title']} has {query}",
                 )
                 labels = set(re.findall(r"{{(\w+)}}", target["legendFormat"]))

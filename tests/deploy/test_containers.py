@@ -138,8 +138,8 @@ def test_the_certificates_of_kubernetes_are_for_its_hub(
 ) -> None:
     place = launch(monkeypatch, "kubernetes", tmp_path) / "certificates"
     for role in ("hub", "learner"):
-        Credentials.find(place, role)  # type: ignore[arg-type]
-    show = ["openssl", "x509", "-in", place / "hub.pem", "-noout", "-ext", "subjectAltName"]
+        Credentials.find(place, role)
+    show = ["openssl", "x509", "-in", str(place / "hub.pem"), "-noout", "-ext", "subjectAltName"]
     shown = subprocess.run(show, check=True, capture_output=True, text=True)
     assert "DNS:learner" in shown.stdout
     secrets = json.loads((place.parent / "kustomization.yaml").read_text())["secretGenerator"]

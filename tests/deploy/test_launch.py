@@ -244,8 +244,14 @@ def test_a_job_that_was_killed_is_queued_again_if_it_got_on(
 def test_a_hub_submits_those_that_are_not_in_the_queue(
     queue: str, submitted: bool, tmp_path: Path
 ) -> None:
-    names = {"others": "learner actors", "jobs": "r-learner r-actors"}
-    script = Job(tmp_path, "exit 0", module="replay", queue=f"cd {tmp_path}; {queue}", **names)
+    script = Job(
+        tmp_path,
+        "exit 0",
+        module="replay",
+        queue=f"cd {tmp_path}; {queue}",
+        others="learner actors",
+        jobs="r-learner r-actors",
+    )
     script.ends()
     told = [line for line in script.lines() if line.startswith("sbatch")]
     wanted = [f"sbatch {tmp_path}/slurm/{part}.sh" for part in ("learner", "actors")]

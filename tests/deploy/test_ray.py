@@ -68,7 +68,7 @@ class RayCluster:
 
     def processes(self) -> dict[str, tuple[int, int]]:
         """Number and node of each process of the run, by its name; a node is that of its raylet."""
-        found = {}
+        found: dict[str, tuple[int, int]] = {}
         for entry in Path("/proc").iterdir():
             with suppress(OSError, ValueError):
                 words = (entry / "cmdline").read_text().split("\0")
@@ -221,15 +221,18 @@ def test_a_replay_of_its_own_and_its_learner_may_be_killed(
     cluster.launch(monkeypatch, *own, "--", "--env=catch", *SMALL)
     assert "The replay is at tls/" in capsys.readouterr().out
     wait_until((cluster.run / "summary.json").exists, f"a summary in {cluster.run}")
-    for name in ("replay", "learner"):
-        steps, (process, _) = cluster.summary()["agent_steps"], cluster.processes()[name]
-        os.kill(parent(process), signal.SIGKILL)
+
+    def is_killed(name: str) -> None:
+        former, _ = cluster.processes()[name]
+        os.kill(parent(former), signal.SIGKILL)
         wait_until(
-            lambda name=name, former=process: (
-                cluster.processes().get(name, (former, 0))[0] != former
-            ),
+            lambda: cluster.processes().get(name, (former, 0))[0] != former,
             f"the {name} is replaced",
         )
+
+    for name in ("replay", "learner"):
+        steps = cluster.summary()["agent_steps"]
+        is_killed(name)
         cluster.goes_on(steps)
     # Who changes the numbers need not say again that there is a replay.
     cluster.launch(monkeypatch, "--actors=2", "--evaluators=0")

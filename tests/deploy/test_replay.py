@@ -179,7 +179,7 @@ def test_a_hub_that_has_another_name_now_gets_its_certificate(
 ) -> None:
     def names() -> str:
         hub = tmp_path / "r/kubernetes/certificates/hub.pem"
-        show = ["openssl", "x509", "-in", hub, "-noout", "-ext", "subjectAltName"]
+        show = ["openssl", "x509", "-in", str(hub), "-noout", "-ext", "subjectAltName"]
         return subprocess.run(show, check=True, capture_output=True, text=True).stdout
 
     monkeypatch.setattr(sys, "argv", ["", "kubernetes", "--run=r", f"--runs={tmp_path}"])

@@ -136,11 +136,15 @@ def test_a_replay_of_its_own_may_be_taken_away_too(slurm: Cluster) -> None:
         *("r N/A", "r-learner N/A"),
         *(f"r-actors {task}" for task in (1, 2, 3)),
     }
-    for job in ("r", "r-learner"):
+
+    def is_taken_away(job: str) -> None:
         slurm("scontrol", "requeue", slurm.job_id(job))
         name = f"{job} N/A"
-        wait_until(lambda name=name: slurm.states().get(name) == "PENDING", f"{job} waits")
-        wait_until(lambda name=name: slurm.states().get(name) == "RUNNING", f"{job} is back")
+        wait_until(lambda: slurm.states().get(name) == "PENDING", f"{job} waits")
+        wait_until(lambda: slurm.states().get(name) == "RUNNING", f"{job} is back")
+
+    for job in ("r", "r-learner"):
+        is_taken_away(job)
         goes_on(run)
     os.kill(processes(run, "replay")[1], signal.SIGKILL)
     wait_until(lambda: not slurm.states(), "the run is over")

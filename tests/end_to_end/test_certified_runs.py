@@ -81,8 +81,8 @@ def test_a_replay_of_its_own_with_an_actor_and_an_evaluator(
     its.mkdir()
     for file in ("ca.pem", "hub.pem", "hub-key.pem"):
         shutil.copy(certificates / file, its)
-    place = ("--listen", stage.endpoint, "--run=r", "--certificates", str(its))
-    hub = stage.start("-m", "replay", *place, *flags)
+    listens = ("--listen", stage.endpoint, "--run=r", "--certificates", str(its))
+    hub = stage.start("-m", "replay", *listens, *flags)
     hub.says("replay of run r")
     place = ("--run=r", "--connect", stage.endpoint, "--threads=1")
     learner = stage.start("-m", "learner", *place, *own, "--steps=500", *flags)

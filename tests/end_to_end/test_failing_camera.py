@@ -25,14 +25,14 @@ class _Camera:
         self._left = FAILS_AT
         self._last = np.zeros(0, np.uint8)
 
-    def freezing(self, screen: NDArray[np.uint8], agent_steps: int) -> NDArray[np.uint8]:
+    def freezing(self, screen: NDArray[np.uint8], agent_steps: int = 1) -> NDArray[np.uint8]:
         """The same picture for ever."""
         self._left -= 1
         if self._left >= 0:
             self._last = self._take(screen, agent_steps)
         return self._last
 
-    def darkening(self, screen: NDArray[np.uint8], agent_steps: int) -> NDArray[np.uint8]:
+    def darkening(self, screen: NDArray[np.uint8], agent_steps: int = 1) -> NDArray[np.uint8]:
         """All is black within the border."""
         self._left -= 1
         return self._take(screen if self._left >= 0 else np.zeros_like(screen), agent_steps)

@@ -8,6 +8,7 @@ import signal
 import threading
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -61,6 +62,10 @@ def _progress(stage: Stage) -> Progress:
         transport.close()
 
 
+def _is_ready(page: str) -> bool:
+    return get(page, "/readyz") == (200, "ok\n")
+
+
 def _figure(page: str, name: str) -> float:
     """A figure that a process tells over HTTP."""
     status, told = get(page, "/metrics")
@@ -68,6 +73,10 @@ def _figure(page: str, name: str) -> float:
     assert status == 200
     assert found is not None, told
     return float(found[1])
+
+
+def _counts(page: str, name: str) -> bool:
+    return _figure(page, name) >= 1
 
 
 def _replay(stage: Stage, *arguments: str) -> None:
@@ -106,9 +115,9 @@ def test_a_replay_that_is_killed_comes_back_with_everything_it_acknowledged(stag
     acked = "ale_robot_stream_chunks_acked_total"
     played = 'ale_robot_actor_steps_total{actor="a",role="actor"}'
     for page in pages:  # the replay may have all these steps before the learner has looked around
-        wait_until(lambda page=page: get(page, "/readyz") == (200, "ok\n"), "it is ready")
+        wait_until(partial(_is_ready, page), "it is ready")
     for page, figure in ((pages[0], acked), (pages[1], acked), (pages[1], played)):
-        wait_until(lambda page=page, figure=figure: _figure(page, figure) >= 1, f"{figure} is told")
+        wait_until(partial(_counts, page, figure), f"{figure} is told")
 
     patient = ("--connect", stage.endpoint, f"--patience={PATIENCE}")
     status = stage.start("-m", "learner", "--status", *patient, "--json")

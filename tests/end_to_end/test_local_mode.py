@@ -65,8 +65,10 @@ def test_a_run_is_trained_and_tested_under_its_sticky_actions(stage: Stage) -> N
 
 
 def test_a_run_that_begins_with_a_given_network_plays_by_it_at_once(stage: Stage) -> None:
-    policy = ("--initial", str(POLICIES / "ale_pong.safetensors"), "--env", "ale")
-    policy = (*policy, "--learning.no-center-pixels")  # as it was trained
+    policy = (
+        *("--initial", str(POLICIES / "ale_pong.safetensors"), "--env", "ale"),
+        "--learning.no-center-pixels",  # as it was trained
+    )
     skilled = ("--exploration.start=0", "--exploration.end=0")
     # A sixth of a game.
     short = ("--play.max-game-frames=1600", "--replay.learning-starts=450")

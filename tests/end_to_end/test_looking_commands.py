@@ -36,4 +36,6 @@ def test_check_is_green_for_this_robot(stage: Stage) -> None:
     picture = stage.folder / "check.png"
     output = stage.start("-m", "viewer", "check", "-o", str(picture)).ends()
     assert output.count("│ green │") == 4
-    assert cv2.imread(str(picture)).shape == (768, 1024, 3)
+    shown = cv2.imread(str(picture))
+    assert shown is not None
+    assert shown.shape == (768, 1024, 3)

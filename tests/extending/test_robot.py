@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -121,7 +122,9 @@ def test_its_keys_play_the_game() -> None:
 
 
 @pytest.mark.parametrize("hand", ["arm", "model"])
-def test_a_robot_from_outside_is_learned_with(tmp_path: Path, hand: str) -> None:
+def test_a_robot_from_outside_is_learned_with(
+    tmp_path: Path, hand: Literal["arm", "model"]
+) -> None:
     settings = config()
     settings = replace(settings, play=replace(settings.play, hand=hand))
     with added(ROBOTS, FINGER):

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import torch
+from gymnasium.spaces import Discrete
 
 from actors.actor import Actor
 from actors.envs import make_env
@@ -86,6 +87,7 @@ def learned(
         actions = announced.action_count
         env = make_env(announced, training=True)
         stack.callback(env.close)
+        assert isinstance(env.action_space, Discrete)
         assert env.action_space.n == actions
         policy = Policy(build_network(announced, actions), actions, np.random.default_rng(1))
         member = Member("a", client, keys, announced, PATIENCE, stop)

@@ -37,7 +37,7 @@ def main(target: tyro.conf.Positional[str] = "", messages: int = 100_000, seed: 
             (corpus / str(number)).write_bytes(message)
 
         def take(data: bytes) -> None:
-            with contextlib.suppress(REFUSED):
+            with contextlib.suppress(*REFUSED):
                 chosen.take(data)
 
         def change(data: bytes, most: int, seed: int) -> bytes:

@@ -11,7 +11,6 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
@@ -87,8 +86,8 @@ class Heard:
         return self._nothing()
 
     @staticmethod
-    def _nothing() -> Any:
-        return SimpleNamespace(close=lambda: None)
+    def _nothing() -> Closeable:
+        return ExitStack()
 
 
 @dataclass

@@ -15,9 +15,9 @@ _SECONDS = 0.008
 if __name__ == "__main__":
     step = AtariEnv.step
 
-    def paced(env: AtariEnv, action: int) -> Any:
+    def paced(self: AtariEnv, action: Any) -> Any:
         time.sleep(_SECONDS)
-        return step(env, action)
+        return step(self, action)
 
     AtariEnv.step = paced  # type: ignore[method-assign]
     sys.argv.pop(0)

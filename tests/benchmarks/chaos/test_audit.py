@@ -163,10 +163,10 @@ def test_a_ring_that_has_wrapped_is_refused(case: Case) -> None:
 def _epoch(number: int, phase: EpochPhase, steps: int) -> EpochRow:
     return EpochRow.of_games(
         [1.0],
-        **{"epoch": number, "phase": phase, "steps": steps, "epoch_time": 1.0},
-        **{"last_exploration_rate": 0.1, "total_train_steps": 100, "replay_memory_count": 100},
-        **{"meanq": None, "meancost": None, "weight_updates": 9, "total_time": 10.0 + number},
-    )
+        epoch=number, phase=phase, steps=steps, epoch_time=1.0,
+        last_exploration_rate=0.1, total_train_steps=100, replay_memory_count=100,
+        meanq=None, meancost=None, weight_updates=9, total_time=10.0 + number,
+    )  # fmt: skip
 
 
 @pytest.mark.parametrize(

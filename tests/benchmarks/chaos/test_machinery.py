@@ -63,7 +63,7 @@ def test_a_certificate_expires_and_is_renewed(tmp_path: Path) -> None:
     folder = certificates.of("actor-1")
 
     def is_good() -> bool:
-        command = ["openssl", "x509", "-checkend", "0", "-noout", "-in", folder / "actor.pem"]
+        command = ["openssl", "x509", "-checkend", "0", "-noout", "-in", str(folder / "actor.pem")]
         ssl.create_default_context().load_cert_chain(
             folder / "actor.pem", folder / "actor-key.pem"
         )  # they fit each other

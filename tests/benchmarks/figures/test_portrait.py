@@ -20,7 +20,9 @@ def test_robot_screen_and_sight_are_in_the_picture(
     monkeypatch.setattr(portrait, "_WIDTH", 320)
     monkeypatch.setattr(portrait, "_HEIGHT", 240)
     assert portrait.main() == 0
-    picture = cv2.imread(str(path))[:, :, ::-1].astype(int)
+    written = cv2.imread(str(path))
+    assert written is not None
+    picture = written[:, :, ::-1].astype(int)
     assert picture.shape == (480, 640, 3)
     above, below = np.vsplit(picture, 2)
     room, front, camera, network = (*np.hsplit(above, 2), *np.hsplit(below, 2))

@@ -51,7 +51,11 @@ def test_what_was_learned_is_a_row_for_each_run(tmp_path: Path) -> None:
     run |= {"random_reward": -20.73, "mean": 20.7, "deviation": 0.651}
     run |= {"iqm": 21, "iqm_low": 20.694, "iqm_high": 21.0}
     run |= {"steps_to_0": 500_528, "steps_to_human": 700_720, "git_commit": "0123456789abcdef"}
-    others = ({"label": "vector", "seed": 2}, {"label": "vector"}, {})
+    others: tuple[dict[str, object], ...] = (
+        {"label": "vector", "seed": 2},
+        {"label": "vector"},
+        {},
+    )
     for other in others:  # in the order of rungs, labels and seeds, whenever they were made
         row = run | other
         add_row(tmp_path / "ladder.csv", row | {"flags": f"--seed {row['seed']}"})

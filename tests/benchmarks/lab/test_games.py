@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from benchmarks.figures.plot import FIGURES
@@ -161,8 +162,8 @@ def test_figure(lab: Lab, tmp_path: Path) -> None:
         "robot",
         "random play",
     ]
-    assert list(pong.lines[0].get_xdata()) == [0.8, 1.6]
-    assert list(pong.lines[3].get_ydata()) == [9.3, 9.3]  # the human's
+    assert np.asarray(pong.lines[0].get_xdata()).tolist() == [0.8, 1.6]
+    assert np.asarray(pong.lines[3].get_ydata()).tolist() == [9.3, 9.3]  # the human's
     assert len(shown[1].lines) == 3  # 20,182 is far from here
     (tmp_path / "games.json").write_text("{}")
     with pytest.raises(InputError, match="holds no games"):

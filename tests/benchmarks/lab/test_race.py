@@ -9,6 +9,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from rich.console import Console
 
@@ -17,6 +18,7 @@ from benchmarks import catch, report
 from benchmarks.figures.plot import FIGURES
 from benchmarks.lab import race
 from benchmarks.lab.policy import summary_of_all
+from benchmarks.peer_dqn import Point
 from benchmarks.report import run
 from common.errors import InputError
 from common.process.command_line import parse_run
@@ -170,7 +172,7 @@ def test_a_training_that_was_stopped_is_resumed(lab: Lab, tmp_path: Path) -> Non
 def test_a_peer_runs_as_long_beside_it(
     lab: Lab, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    def curve(config: object, seconds: float, recent: int) -> list[race.Point]:
+    def curve(config: object, seconds: float, recent: int) -> list[Point]:
         assert (seconds, recent) == (42.0, 50)
         return [(10.0, 900, -20.0), (40.0, 4_000, 1.0)]
 
@@ -179,7 +181,7 @@ def test_a_peer_runs_as_long_beside_it(
     peer = raced(tmp_path, "--seeds", "1", "--peer")["peer"]
     assert peer["training"]["0"] == {"seconds": 40.0, "agent_steps": 4_000}
     axes = FIGURES["race"](Drawing((tmp_path / "race.json",))).axes[0]
-    lines = {line.get_label(): line.get_xydata().tolist() for line in axes.get_lines()}
+    lines = {line.get_label(): np.asarray(line.get_xydata()).tolist() for line in axes.get_lines()}
     ours = "preset fast --envs 4 (ale), tests of 5 games at ε = 0.05"
     assert lines[ours] == [[0.2, -20.0], [0.4, 4.0], [0.6, 18.0]]
     assert lines["stable-baselines3 DQN, training games"] == [[10 / 60, -20.0], [40 / 60, 1.0]]
@@ -216,8 +218,9 @@ def test_a_whole_race_in_one_process(monkeypatch: pytest.MonkeyPatch, tmp_path: 
 
     def train(folder: RunFolder, steps: int, flags: Sequence[str]) -> dict[str, Any]:
         given = parsed(*flags)
-        named = {"run": folder.name, "keep_snapshots": given.keep_snapshots}
-        summary, _ = learned(given.config, tmp_path, steps, **named)
+        summary, _ = learned(
+            given.config, tmp_path, steps, run=folder.name, keep_snapshots=given.keep_snapshots
+        )
         return summary
 
     def play(

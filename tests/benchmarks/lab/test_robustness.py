@@ -118,7 +118,7 @@ def test_an_interrupted_grid_goes_on(games: Games, tmp_path: Path) -> None:
 
 
 def test_the_card_is_told_mean_and_worst_of_a_grid(games: Games, tmp_path: Path) -> None:
-    games.network = shutil.copy(POLICY, tmp_path / "p.safetensors")
+    games.network = Path(shutil.copy(POLICY, tmp_path / "p.safetensors"))
     file = tmp_path / "grid.json"
     with pytest.raises(InputError, match=r"p\.safetensors has no card: publish it"):
         grid(file, "--card", network=games.network)

@@ -146,5 +146,6 @@ def test_the_command_writes_results_and_a_picture(tmp_path: Path) -> None:
     assert set(content["goals"]) == {"corners", "difference", "probe"}
     assert "machine" in content
     page = cv2.imread(str(picture))
+    assert page is not None
     assert page.shape == (360, 4 * 480, 3)
     assert page.std() > 20
