@@ -53,8 +53,12 @@ def test_a_command_is_its_program_with_its_flags_before_the_users(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     called = []
-    program = SimpleNamespace(main=lambda: called.append([*sys.argv]) or 3)
-    monkeypatch.setitem(sys.modules, "learner.__main__", program)  # type: ignore[arg-type]
+
+    def main() -> int:
+        called.append([*sys.argv])
+        return 3
+
+    monkeypatch.setitem(sys.modules, "learner.__main__", SimpleNamespace(main=main))
     assert run(monkeypatch, "train", "--seed", "2") == 3
     assert run(monkeypatch, "evaluate", "robot_pong") == 3
     assert called == [
@@ -69,7 +73,7 @@ def test_a_network_that_is_to_be_shown_needs_no_flag(
 ) -> None:
     called = []
     program = SimpleNamespace(main=lambda: called.append(sys.argv[1:]))
-    monkeypatch.setitem(sys.modules, "viewer.__main__", program)  # type: ignore[arg-type]
+    monkeypatch.setitem(sys.modules, "viewer.__main__", program)
     run(monkeypatch, name, "ale_pong", "--seed", "2")
     run(monkeypatch, name, "--seed", "2")
     assert called == [[name, "--weights", "ale_pong", "--seed", "2"], [name, "--seed", "2"]]

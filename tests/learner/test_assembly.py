@@ -126,7 +126,7 @@ def test_a_run_is_learned_stopped_and_continued(tmp_path: Path) -> None:
         assert before["updates"] >= 10
         assert [test["epoch"] for test in before["tests"]] == [1]
         for file in (run.folder.checkpoint, run.folder.snapshots / "epoch-0001.safetensors"):
-            alone = shutil.copy(file, tmp_path / "alone.safetensors")
+            alone = Path(shutil.copy(file, tmp_path / "alone.safetensors"))
             assert origin_of(alone) == CONFIG
     rows = (run.folder.epochs).read_text().splitlines()
 

@@ -153,7 +153,7 @@ def test_a_copy_that_fails_leaves_nothing(
     def full() -> None:
         raise OSError(28, os.strerror(28))
 
-    monkeypatch.setattr(backup.os, "sync", full)
+    monkeypatch.setattr("learner.backup.os.sync", full)
     with pytest.raises(OSError, match="No space left"):
         back_up(BackupOptions(run.path, tmp_path / "copy"))
     assert [path.name for path in tmp_path.iterdir()] == ["runs"]

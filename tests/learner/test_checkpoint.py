@@ -189,7 +189,7 @@ def checkpoint(tmp_path: Path) -> Checkpoint:
     """One of a MiB; two more must fit."""
     path = tmp_path / "checkpoint.safetensors"
     path.write_bytes(bytes(2**20))
-    return checkpoint_of(tmp_path, SimpleNamespace())  # type: ignore[arg-type]
+    return checkpoint_of(tmp_path, SimpleNamespace())
 
 
 def test_there_must_be_room_for_two_more(

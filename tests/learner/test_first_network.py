@@ -42,7 +42,8 @@ def values(network: QNetwork, told: int) -> np.ndarray:
     vectors = torch.zeros(4, width)
     vectors[:, :told] = torch.rand(4, KEYS_AND_COMMANDS + 16, generator=random)[:, :told]
     with torch.no_grad():
-        return network(frames, vectors).numpy()
+        found: np.ndarray = network(frames, vectors).numpy()
+    return found
 
 
 @pytest.mark.parametrize(

@@ -192,6 +192,10 @@ class World:
         score = self.scores.pop(0) if len(self.scores) > 1 else self.scores[0]
         return replace(test, steps=50, scores=[score], began=0.0)
 
+    def restore_tests(self, state: Any) -> list[int]:
+        self.log.append(("tests", state))
+        return [9]
+
     # ---------------------------------------------------------------- the learner
 
     def summarise(self, values: Values, replay: Progress) -> None:
@@ -244,7 +248,7 @@ class World:
                 add=self.add,
                 take_finished=self.take_finished,
                 state=lambda: [test.epoch for test in self.pending],
-                restore=lambda state: self.log.append(("tests", state)) or [9],
+                restore=self.restore_tests,
                 settle=lambda test, best: self.log.append(("settle", test.epoch, best)),
                 sweep=lambda: self.log.append("sweep"),
                 finish=lambda: self.log.append("evaluators may leave"),
@@ -477,7 +481,8 @@ def test_a_disk_that_fills_under_a_write_is_waited_for(part: str, write: str) ->
     learner = world.learner(steps_goal=100 + 3 * 200)
     learner.start()
     owner = getattr(learner, part)
-    real, refused = getattr(owner, write), []
+    real = getattr(owner, write)
+    refused: list[Any] = []
 
     def refuse_once(*given: Any) -> Any:
         if not refused:
@@ -718,7 +723,7 @@ def test_a_replay_that_lost_more_steps_than_a_warm_up_is_refused(beyond: int) ->
         match=rf"has seen {known - 101:,} steps and the checkpoint {known:,}: .*--initial FILE",
     ):
         learner.start()
-    assert again.checkpoints == again.published == []
+    assert (again.checkpoints, again.published) == ([], [])
 
 
 def test_local_modes_children_are_watched_and_asked_to_leave() -> None:

@@ -36,6 +36,7 @@ def test_the_first_game_is_the_usual_one_and_the_others_differ(
     file = tmp_path / "made" / "draws.png"
     Draws(env=env, count=3, output=file).run(threading.Event())
     page = cv2.imread(str(file))
+    assert page is not None
     assert page.shape == (tall, 3 * 480, 3)
     tiles = np.hsplit(page, 3)
     assert all(tile.std() > 10 for tile in tiles)

@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 import pytest
 from PIL import Image
+from PIL.GifImagePlugin import GifImageFile
 
 from common.errors import InputError
 from viewer.movie import open_movie
@@ -64,11 +65,13 @@ def test_a_gif(tmp_path: Path) -> None:
     path = tmp_path / "film.GIF"
     film(path)
     with Image.open(path) as gif:
+        assert isinstance(gif, GifImageFile)
         assert (gif.n_frames, gif.size) == (3, (64, 48))
         assert gif.info["duration"] == 70
         for number, colour in enumerate(COLOURS):
             gif.seek(number)
-            np.testing.assert_allclose(gif.convert("RGB").getpixel((30, 20)), colour, atol=6)
+            picture = np.asarray(gif.convert("RGB"))
+            np.testing.assert_allclose(picture[20, 30], colour, atol=6)
 
 
 def test_other_names_are_refused_and_left_alone(tmp_path: Path) -> None:

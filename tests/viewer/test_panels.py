@@ -13,7 +13,7 @@ from actors.envs.ale import AtariEnv
 from actors.envs.robot import RobotEnv
 from actors.envs.step_info import StepInfo
 from actors.loop import Step
-from actors.vision.layout import GAME_IN_PICTURE
+from actors.vision.layout import GAME_IN_PICTURE, border_of
 from actors.vision.screen_detector import Detection
 from common.actions import Keys
 from common.errors import InputError
@@ -22,7 +22,7 @@ from common.run.presets import PRESETS
 from tests.extending.whole_run import added
 from viewer import overlay
 from viewer import panels as panels_module
-from viewer.panels import PANEL, Panels, border_of, camera_panel, hands_panel, network_panel
+from viewer.panels import PANEL, Panels, camera_panel, hands_panel, network_panel
 from viewer.player import shown_env
 
 WIDTH, HEIGHT = PANEL
@@ -51,6 +51,7 @@ def robot() -> Iterator[tuple[RobotEnv, Step]]:
     with closing(RobotEnv("pong")) as env:
         env.reset(seed=3)
         state, *_, info = env.step(2)
+        assert isinstance(state, np.ndarray)
         yield env, stepped(state, 2)._replace(info=StepInfo.of(info))
 
 
@@ -93,7 +94,9 @@ def test_the_room_is_rendered_now_and_then(
     env, step = robot
     moves: list[tuple[str, bool]] = []
 
-    def view(screen: np.ndarray, width: int, height: int, place: str, *, moved: bool = True):
+    def view(
+        screen: np.ndarray, width: int, height: int, place: str, *, moved: bool = True
+    ) -> np.ndarray:
         moves.append((place, moved))
         return np.zeros((height, width, 3), np.uint8)
 
@@ -108,6 +111,7 @@ def test_the_room_is_rendered_now_and_then(
 def test_two_panels_for_an_emulator() -> None:
     env = AtariEnv("pong")
     state, _ = env.reset(seed=3)
+    assert isinstance(state, np.ndarray)
     step = stepped(state)
     picture = Panels(env).draw(step, None)
     assert picture.shape == (HEIGHT, 2 * WIDTH, 3)
@@ -144,7 +148,7 @@ def test_what_was_found_is_drawn_where_it_is() -> None:
     scale = WIDTH / 320
     # The border is 8 % of the game's own width and height.
     for colour, aside, above in ((overlay.MAGENTA, 0.0, 0.0), (overlay.YELLOW, 9.6, 7.2)):
-        drawn = (np.abs(panel.astype(int) - colour) < 90).all(axis=2)
+        drawn = np.all(np.abs(panel.astype(int) - colour) < 90, axis=2)
         # The four lines, where they cross the game's middle: each is a few pixels wide.
         rows = np.flatnonzero(drawn[:, round(160.5 * scale)])
         columns = np.flatnonzero(drawn[round(105.5 * scale)])
@@ -216,7 +220,7 @@ def test_few_actions_have_large_numbers_and_all_have_whole_ones(actions: int, hi
     """Rows of numbers at half size, as a GIF has them, in pixels."""
     values = np.linspace(-12.34, -1.0, actions, dtype=np.float32)
     panel = network_panel("pong", stepped(np.zeros((4, 84, 84), np.uint8)), ALL[:actions], values)
-    numbers = (panel[104:, 440:] > 200).all(axis=2)
+    numbers = np.all(panel[104:, 440:] > 200, axis=2)
     assert not numbers[:, -2:].any()
     rows = np.flatnonzero(numbers.any(axis=1))
     first = np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1)[0]

@@ -89,6 +89,13 @@ def test_a_robots_joints_are_recorded(tmp_path: Path) -> None:
     assert rows["vectors"].shape[1] > 0  # of this network
 
 
+def time_of(frame: av.VideoFrame) -> float:
+    """In seconds from the film's begin."""
+    assert frame.pts is not None
+    assert frame.time_base is not None
+    return float(frame.pts * frame.time_base)
+
+
 def test_it_says_what_lerobot_says_of_a_dataset(tmp_path: Path) -> None:
     # As lerobot 0.4 writes them: https://huggingface.co/docs/lerobot/lerobot-dataset-v3.
     stop, folder = threading.Event(), tmp_path / "d"
@@ -98,7 +105,7 @@ def test_it_says_what_lerobot_says_of_a_dataset(tmp_path: Path) -> None:
     assert (told["fps"], told["total_episodes"], told["total_frames"]) == (15, 1, 90)
     with av.open(str(file_of(folder, VIDEO_PATH, 0, video_key=CAMERA))) as film:
         stream = film.streams.video[0]
-        times = [float(frame.pts * frame.time_base) for frame in film.decode(stream)]
+        times = [time_of(frame) for frame in film.decode(stream)]
         about = told["features"][CAMERA]["info"]
         size = stream.height, stream.width, stream.pix_fmt, stream.codec.name
     assert size == tuple(about[f"video.{key}"] for key in ("height", "width", "pix_fmt", "codec"))

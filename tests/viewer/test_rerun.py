@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from actors.envs import make_env
+from actors.envs.game_env import GameEnv
 from actors.envs.robot import RobotEnv
 from actors.loop import play
 from actors.robots.room.engine import joints_of
@@ -130,7 +131,9 @@ def test_figures_are_those_of_the_game(game: SimpleNamespace) -> None:
 def picture(rows: dict[int, Any], number: int) -> np.ndarray:
     data = np.frombuffer(bytes(rows[number][0]), np.uint8)
     assert len(data) < 60_000
-    return cv2.cvtColor(cv2.imdecode(data, cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB)
+    read = cv2.imdecode(data, cv2.IMREAD_COLOR)
+    assert read is not None
+    return cv2.cvtColor(read, cv2.COLOR_BGR2RGB)
 
 
 def test_pictures_are_those_that_were_seen(game: SimpleNamespace) -> None:
@@ -169,7 +172,8 @@ def corners_of_picture(found: dict[str, Any]) -> np.ndarray:
     rays = pixels @ np.linalg.inv(intrinsic).T * distance[0]
     (place,) = found["Transform3D:translation"].values()
     (turn,) = found["Transform3D:mat3x3"].values()
-    return rays @ np.reshape(turn[0], (3, 3)) + place[0]
+    corners: np.ndarray = rays @ np.reshape(turn[0], (3, 3)) + place[0]
+    return corners
 
 
 def test_the_game_is_on_the_screen(game: SimpleNamespace) -> None:
@@ -195,6 +199,7 @@ def test_a_robot_without_a_room_has_pictures_and_figures(tmp_path: Path) -> None
     config = finger_config()
     config = replace(config, play=replace(config.play, vector=False))
     with added(ROBOTS, FINGER), closing(make_env(config, training=False)) as env:
+        assert isinstance(env, GameEnv)
         policy = ShownPolicy.of_file(config, None, 1.0, 0)
         stream = RerunStream(env, config.play, live=False, save=tmp_path / "finger.rrd")
         with closing(stream):

@@ -3,6 +3,7 @@
 import socket
 import sys
 import threading
+from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
 from types import ModuleType
@@ -45,7 +46,7 @@ def rerun() -> Rerun:
 
 
 @pytest.fixture
-def place(monkeypatch: pytest.MonkeyPatch) -> socket.socket:
+def place(monkeypatch: pytest.MonkeyPatch) -> Iterator[socket.socket]:
     """Where a viewer could listen; nobody does yet."""
     with socket.socket() as place:
         place.bind(("127.0.0.1", 0))

@@ -47,6 +47,13 @@ def in_run(folder: Path, config: RunConfig, actions: int) -> Path:
     return path
 
 
+def size_of(picture: Path) -> tuple[int, int, int]:
+    read = cv2.imread(str(picture))
+    assert read is not None
+    high, wide, colours = read.shape
+    return high, wide, colours
+
+
 def test_commands(tmp_path: Path) -> None:
     weights = tmp_path / "w"
     weights.touch()
@@ -152,7 +159,7 @@ def test_check_is_green_and_writes_four_panels(
     assert re.search(r"p99 +│ +83\.3 ms │ 66\.7 ms │ +≤ 133\.3 ms", said)
     assert re.search(r"not reached +│ +0 │ +1 │", said)
     assert re.search(r"stray key +│ +50\.0% │ +0\.0% │", said)
-    assert cv2.imread(str(path)).shape == (768, 1024, 3)
+    assert size_of(path) == (768, 1024, 3)
 
 
 @pytest.mark.usefixtures("short")
@@ -219,7 +226,7 @@ def test_check_of_the_emulator_alone(
     said = capsys.readouterr().out
     assert "breakout (ale)" in said
     assert "keys as commanded" not in said
-    assert cv2.imread(str(path)).shape == (384, 1024, 3)
+    assert size_of(path) == (384, 1024, 3)
 
 
 @pytest.mark.usefixtures("short")
@@ -322,8 +329,8 @@ def test_play_on_the_emulator_alone_is_the_same_game_again(
 ) -> None:
     weights = in_run(tmp_path, replace(SHORT, env="ale"), 6)
     video = tmp_path / "film.gif"
-    arguments = ("play", "--weights", str(weights), "--epsilon", "0.5", "--seed", "3")
-    arguments += ("--seconds", "60")  # more than the game has
+    arguments = ["play", "--weights", str(weights), "--epsilon", "0.5", "--seed", "3"]
+    arguments += ["--seconds", "60"]  # more than the game has
     assert command(monkeypatch, *arguments) == 0
     first = capsys.readouterr().out
     pytest.importorskip("PIL")

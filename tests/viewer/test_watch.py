@@ -7,13 +7,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 import viewer.watch
 from actors.envs.ale import AtariEnv
 from actors.envs.robot import RobotEnv
 from actors.envs.step_info import StepInfo
 from common.errors import InputError
-from common.run.config import PlayConfig
+from common.run.conditions import PlayConfig
 from common.run.presets import PRESETS
 from tests.viewer.person import Person
 from viewer.watch import LEAST_SIZE, Watch, WatchScreen
@@ -76,10 +77,17 @@ def test_the_picture_is_as_large_as_can_be_and_nothing_is_far_from_it(
 ) -> None:
     seen, hands = [], []
     of = WatchScreen._seen, WatchScreen._hands
-    monkeypatch.setattr(WatchScreen, "_seen", lambda its, a: seen.append(a) or of[0](its, a))
-    monkeypatch.setattr(
-        WatchScreen, "_hands", lambda its, a, b: hands.append(a) or of[1](its, a, b)
-    )
+
+    def see(its: WatchScreen, room: tuple[int, int]) -> NDArray[np.uint8]:
+        seen.append(room)
+        return of[0](its, room)
+
+    def show_hands(its: WatchScreen, room: tuple[int, int], step: Any) -> NDArray[np.uint8]:
+        hands.append(room)
+        return of[1](its, room, step)
+
+    monkeypatch.setattr(WatchScreen, "_seen", see)
+    monkeypatch.setattr(WatchScreen, "_hands", show_hands)
     found = texts(drawn(robot, size)[0])
     (picture,) = seen
     columns = {column for row, column in found if row < size[1]}

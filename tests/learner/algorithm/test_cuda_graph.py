@@ -52,8 +52,9 @@ def _learner(device: Device, config: LearningConfig = CONFIG) -> ValueBased:
 
 
 def _on(device: torch.device, batch: DeviceBatch) -> DeviceBatch:
-    *tensors, drawn = batch
-    return DeviceBatch(*(each.to(device) for each in tensors), drawn=drawn)
+    fields = batch._asdict()
+    del fields["drawn"]
+    return batch._replace(**{name: tensor.to(device) for name, tensor in fields.items()})
 
 
 def _learned(algorithm: ValueBased, device: torch.device, updates: int = 20) -> list[float]:
@@ -99,14 +100,14 @@ def test_a_recording_reads_where_each_minibatch_is_copied_to() -> None:
 
     recorded = _replayed(step)
     torch.manual_seed(0)
-    given = [
-        Prepared(
-            DeviceBatch(*torch.rand(8, 8, 2), drawn={"scores": torch.rand(8)}),
-            *torch.rand(2, 8),
-            (torch.rand(8), torch.ones(8) * n),
-        )
-        for n in range(6)
-    ]
+    *names, _ = DeviceBatch._fields  # but for `drawn`
+    given = []
+    for n in range(6):
+        fields = dict(zip(names, torch.rand(8, 8, 2), strict=True))
+        batch = DeviceBatch(**fields, drawn={"scores": torch.rand(8)})
+        pixels_tm1, pixels_t = torch.rand(2, 8)
+        outputs = (torch.rand(8), torch.ones(8) * n)
+        given.append(Prepared(batch, pixels_tm1, pixels_t, outputs))
     for each in given:
         recorded(each)
 

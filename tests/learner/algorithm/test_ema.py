@@ -26,7 +26,8 @@ def _algorithm(weights_average: float) -> ValueBased:
 
 
 def _bias(network: QNetwork) -> torch.Tensor:
-    return network.state_dict()["actions.bias"].clone()
+    bias: torch.Tensor = network.state_dict()["actions.bias"]
+    return bias.clone()
 
 
 def test_the_mean_by_hand() -> None:

@@ -60,7 +60,7 @@ def test_an_update_is_the_plain_one(target: Literal["dqn", "double"]) -> None:
     errors = batch.r_t + 0.9 * values - plain(batch.s_tm1, batch.x_tm1)[rows, batch.a_tm1]
     loss = errors.square().mean()
     optimizer = torch.optim.RMSprop(plain.parameters(), lr=1e-3, alpha=0.95, eps=1.5e-4)
-    loss.backward()  # type: ignore[no-untyped-call]
+    loss.backward()
     optimizer.step()
     assert float(result.loss) == pytest.approx(float(loss.detach()), rel=1e-4)
     expected = errors.detach()
@@ -160,7 +160,7 @@ def test_bfloat16_is_what_autocast_computes() -> None:
         best = plain(batch.s_t, batch.x_t).argmax(1)
         values = other(batch.s_t, batch.x_t)[rows, best].detach()
         errors = batch.r_t + 0.9 * values - plain(batch.s_tm1, batch.x_tm1)[rows, batch.a_tm1]
-    errors.square().mean().backward()  # type: ignore[no-untyped-call]
+    errors.square().mean().backward()
     torch.testing.assert_close(result.priorities, errors.detach().abs(), rtol=1e-2, atol=1e-3)
     for ours, theirs in zip(algorithm.online.parameters(), plain.parameters(), strict=True):
         assert ours.grad is not None

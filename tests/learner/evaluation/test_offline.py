@@ -12,6 +12,7 @@ import pytest
 from rich.console import Console
 
 from common.errors import InputError
+from common.process.supervisor import Child
 from common.run.clock import ClockConfig
 from common.run.config import RunConfig
 from common.run.presets import PRESETS
@@ -89,12 +90,10 @@ def test_a_process_that_writes_much_to_its_standard_error_plays_on(program: Path
 
 def test_a_stop_ends_every_process(program: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write(program, "import time\nprint('{}', flush=True)\ntime.sleep(10_000)")
-    children: list[offline.Child] = []
+    children: list[Child] = []
 
-    started = offline.Child
-
-    def start(*arguments: Any, **streams: Any) -> offline.Child:
-        children.append(started(*arguments, **streams))
+    def start(*arguments: Any, **streams: Any) -> Child:
+        children.append(Child(*arguments, **streams))
         return children[-1]
 
     monkeypatch.setattr(offline, "Child", start)

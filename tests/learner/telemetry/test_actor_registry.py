@@ -68,7 +68,12 @@ def test_an_actor_from_its_arrival_to_its_leave(
     )
     _until(lambda: chunks(registry) == (11, 2, 0))
     token.close()
-    _until(lambda: bool(notes.extend(registry.take_notes()) or "a1 left" in notes))
+
+    def told_that_it_left() -> bool:
+        notes.extend(registry.take_notes())
+        return "a1 left" in notes
+
+    _until(told_that_it_left)
     assert notes == ["a1 joined", "a1 left"]
     (actor,) = registry.actors()
     assert not actor.alive
@@ -124,7 +129,12 @@ def test_counts_add_up_over_restarts_of_actor_and_learner(
     # The new subscription may be unknown to the hub yet: heartbeats come again and again.
     beat = replace(STATS, incarnation=8, made=6).encode()
     voice = hub.publisher(KEYS.stats("actor", "a1"))
-    _until(lambda: voice.publish(beat) or chunks(again) == (16, 4, 0))
+
+    def known_after_another() -> bool:
+        voice.publish(beat)
+        return chunks(again) == (16, 4, 0)
+
+    _until(known_after_another)
 
 
 def test_a_checkpoint_from_before_hands_were_timed_is_restored(hub: Transport) -> None:

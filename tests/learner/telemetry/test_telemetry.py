@@ -80,14 +80,14 @@ class Run:
         self.replay = Progress(0, 0, 0, 0, 0, 0, False, 0, 0, 0, ())
         self.last = Last()
         self.table = EpochTable(folder / "epochs.csv")
+        known: Any = registry or SimpleNamespace(
+            take_notes=list, actors=lambda: self.actors, totals=lambda: ({}, ())
+        )
         self.telemetry = Telemetry(
             CONFIG,
             {"run/run": "r", "run/device": "cpu"},
             self.phases,
-            registry
-            or SimpleNamespace(
-                take_notes=list, actors=lambda: self.actors, totals=lambda: ({}, ())
-            ),
+            known,
             self.table,
             (self.last, *sinks),
             lambda: self.now,
@@ -112,7 +112,7 @@ def toy() -> Iterator[str]:
     """A figure that is declared outside the table."""
     key = "toy/mood"
     shown: dict[str, Any] = {"label": "mood", "panel": ("Reward", 0), "curve": True}
-    written = {"gate": "mood", "summary": "moods.present"}
+    written: dict[str, Any] = {"gate": "mood", "summary": "moods.present"}
     declare(Metric(key, "ratio", ".2", "How the run feels", **shown, **written))
     yield key
     del METRICS[key]

@@ -35,7 +35,9 @@ def of_kitty(text: str) -> NDArray[np.uint8]:
     assert [keys.rpartition("m=")[2] for keys, _ in found] == ["1"] * (len(found) - 1) + ["0"]
     assert all(len(data) <= 4096 for _, data in found)
     png = base64.b64decode("".join(data for _, data in found))
-    return np.asarray(cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR)[:, :, ::-1])
+    read = cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR)
+    assert read is not None
+    return np.asarray(read[:, :, ::-1])
 
 
 def of_sixels(text: str) -> NDArray[np.uint8]:

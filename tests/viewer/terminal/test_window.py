@@ -66,8 +66,8 @@ class Time:
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.now = 100.0
         self.slept: list[float] = []
-        monkeypatch.setattr(viewer.terminal.window.time, "monotonic", lambda: self.now)
-        monkeypatch.setattr(viewer.terminal.window.time, "sleep", self._sleep)
+        monkeypatch.setattr("viewer.terminal.window.time.monotonic", lambda: self.now)
+        monkeypatch.setattr("viewer.terminal.window.time.sleep", self._sleep)
 
     def _sleep(self, seconds: float) -> None:
         self.slept.append(seconds)

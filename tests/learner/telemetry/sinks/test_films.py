@@ -42,6 +42,13 @@ class Shows(Sink):
         self.films.append((file.name, file.read_text(), agent_steps))
 
 
+class Blind(Sink):
+    """Cannot read films."""
+
+    def filmed(self, file: Path, agent_steps: int) -> None:
+        int("no film")
+
+
 def end_film(films: FilmsSink) -> None:
     assert films._child is not None
     films._child.wait(PATIENCE)
@@ -138,9 +145,8 @@ def test_a_run_without_snapshots_is_not_filmed_as_if_it_played_at_random(folder:
 def test_a_film_that_cannot_be_read_costs_nobody_else_anything(
     folder: RunFolder, caplog: pytest.LogCaptureFixture
 ) -> None:
-    blind, other = Shows(), Shows()
-    blind.filmed = lambda file, agent_steps: int("no film")  # type: ignore[method-assign]
-    films = FilmsSink(folder, 1.0, 1.0, FILMER, [blind, other])
+    other = Shows()
+    films = FilmsSink(folder, 1.0, 1.0, FILMER, [Blind(), other])
     end_epoch(films, 1)
     films.write(snapshot({}))
     end_film(films)

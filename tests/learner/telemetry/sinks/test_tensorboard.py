@@ -207,10 +207,8 @@ def test_now_and_then_it_shows_what_an_actor_sees(tmp_path: Path) -> None:
     curves.start(None)
     curves.write(STATUS)
     assert not feed.asked  # nobody is there
-    evaluator, actor = (
-        ActorView(stats=ActorStats(name, role), alive=True)
-        for name, role in (("e", "evaluator"), ("a", "actor"))
-    )
+    evaluator = ActorView(stats=ActorStats("e", "evaluator"), alive=True)
+    actor = ActorView(stats=ActorStats("a", "actor"), alive=True)
     for steps, wait in ((1_000, 0), (2_000, 10), (3_000, 10), (4_000, 300)):
         seconds[0] += wait
         values: dict[str, Value] = {"run/agent_steps": steps}

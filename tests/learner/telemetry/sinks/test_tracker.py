@@ -81,7 +81,8 @@ def test_wandb_has_settings_points_histograms_and_films(
 
     tracked_twice("wandb", film, restart)
     shown: list[tuple[int, dict[str, Any]]] = []
-    settings, names = {}, set()
+    settings: dict[str, str] = {}
+    names = set()
     for file in sorted(tmp_path.rglob("*.wandb")):
         for data in records_of(file):
             record = Record.FromString(data)
