@@ -182,7 +182,7 @@ def test_a_policy_without_scores_is_not_pushed(hub: Hub, tmp_path: Path) -> None
     card = json.loads((tmp_path / "ale_pong.json").read_bytes())
     del card["evaluation"]
     (tmp_path / "ale_pong.json").write_text(json.dumps(card))
-    with pytest.raises(InputError, match="has no scores in its card: make it by"):
+    with pytest.raises(InputError, match="has no scores in its card: make it with"):
         Push(str(tmp_path / "ale_pong.safetensors"), REPOSITORY).run()
     assert hub.files == {}
 
