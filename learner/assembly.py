@@ -116,8 +116,12 @@ def build_learner(
         max_q=lambda: held_out.histogram,
         gpu=device.figures,
     )
-    with checkpoint.restoring():
-        telemetry.start(state)
+    if state is None:
+        telemetry.start()
+    else:
+        with checkpoint.restoring():
+            rows, agent_steps = int(state["rows"]), int(state["books"]["agent_steps"])
+        telemetry.start(rows, agent_steps)
     learner = Learner(
         config=config,
         steps_goal=options.steps,

@@ -5,7 +5,6 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
-from typing import Any
 
 from common.metrics import METRICS, Value, Values, number
 from common.press_latency import MOST_FRAMES, ms_of, reached_by_age
@@ -61,13 +60,16 @@ class Telemetry:
         self._ticks: deque[tuple[float, int, int, float]] = deque()
         self._notes: deque[str] = deque(maxlen=_NOTES)
 
-    def start(self, checkpoint: dict[str, Any] | None) -> None:
-        """Opens the files; rows and points after the ``checkpoint`` of a resumed run are dropped.
+    def start(self, rows: int = 0, resumed_at: int | None = None) -> None:
+        """Opens the files. Drops what a resumed run wrote after its checkpoint.
 
         Raises InputError if the table of epochs is damaged, or lacks rows.
+
+        Args:
+            rows: number of rows that the checkpoint knows of.
+            resumed_at: agent steps of the checkpoint; None for a new run.
         """
-        self.rows = self.epochs.keep(0 if checkpoint is None else int(checkpoint["rows"]))
-        resumed_at = None if checkpoint is None else int(checkpoint["books"]["agent_steps"])
+        self.rows = self.epochs.keep(rows)
         for sink in self.sinks:
             sink.start(resumed_at)
 

@@ -127,7 +127,7 @@ def test_a_figure_reaches_every_sink_by_its_declaration_and_its_value(
         SummarySink(tmp_path / "summary.json", CONFIG, {}),
     )
     run = Run(tmp_path, sinks=sinks)
-    run.telemetry.start(None)
+    run.telemetry.start()
     run.values(**{toy: 0.75})
     assert any("mood" in line and "0.75" in line for line in drawn(run.last.told[-1]))
     run.telemetry.close({**LOOP, toy: 0.5}, run.replay)
@@ -287,11 +287,11 @@ def test_rewards_are_those_of_the_rows(tmp_path: Path) -> None:
 
 def test_a_resumed_run_keeps_the_rows_of_its_checkpoint(tmp_path: Path) -> None:
     first = Run(tmp_path)
-    first.telemetry.start(None)
+    first.telemetry.start()
     for epoch in (1, 2, 3):
         first.telemetry.add(epoch_row((1.0,), phase="train", epoch=epoch))
     second = Run(tmp_path)
-    second.telemetry.start({"rows": 2, "books": {"agent_steps": 700}})
+    second.telemetry.start(rows=2, resumed_at=700)
     assert [row.epoch for row in second.telemetry.rows] == [1, 2]
     assert second.table.rows() == second.telemetry.rows
     assert (first.last.told[0], second.last.told[0]) == (("start", None), ("start", 700))
