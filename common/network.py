@@ -6,7 +6,6 @@ training code.
 """
 
 from collections.abc import Mapping
-from itertools import pairwise
 from typing import NamedTuple
 
 import torch
@@ -23,16 +22,13 @@ class Layers(NamedTuple):
 
     convolutions: tuple[tuple[int, int, int], ...]
     """Channels, kernel and stride of each convolution; kernels and strides are square."""
-    hidden: tuple[int, ...]
-    """Units of each dense layer but the last, whose outputs are the actions' values."""
+    hidden: int
+    """Units of the first dense layer."""
 
 
 LAYERS: dict[NetworkName, Layers] = {
-    "nature": Layers(((32, 8, 4), (64, 4, 2), (64, 3, 1)), (512,)),  # Mnih et al. 2015, and 2017
-    # What comes of a ball and of keys that arrive later takes more than one layer (LOG.md). Without
-    # more weights than `nature`.
-    "deep": Layers(((32, 8, 4), (64, 4, 2), (64, 3, 1)), (448, 384)),
-    "nips": Layers(((16, 8, 4), (32, 4, 2)), (256,)),  # Mnih et al. 2013; a third of the arithmetic
+    "nature": Layers(((32, 8, 4), (64, 4, 2), (64, 3, 1)), 512),  # Mnih et al. 2015, and 2017
+    "nips": Layers(((16, 8, 4), (32, 4, 2)), 256),  # Mnih et al. 2013; a third of the arithmetic
 }
 
 
@@ -40,7 +36,7 @@ _USUAL = LearningConfig()
 
 
 class QNetwork(nn.Module):
-    """Convolutions and dense layers: state → value of each action.
+    """Convolutions and two dense layers: state → value of each action.
 
     Args:
         learning: settings of the layers, of the pixels' scaling, and of the initial weights.
@@ -70,11 +66,9 @@ class QNetwork(nn.Module):
             convolutions += (nn.Conv2d(channels, filters, kernel, stride), nn.ReLU())
             channels, side = filters, (side - kernel) // stride + 1
         self.convolutions = nn.Sequential(*convolutions)
-        units = layers.hidden
-        self.hidden = nn.Linear(channels * side * side + vector_width, units[0])
-        self.norm = nn.LayerNorm(units[0]) if learning.layer_norm else None
-        self.further = nn.ModuleList(nn.Linear(*pair) for pair in pairwise(units))
-        self.actions = nn.Linear(units[-1], actions * atoms)
+        self.hidden = nn.Linear(channels * side * side + vector_width, layers.hidden)
+        self.norm = nn.LayerNorm(layers.hidden) if learning.layer_norm else None
+        self.actions = nn.Linear(layers.hidden, actions * atoms)
         self._initialise(learning.initial_weights)
         # Channels last is the layout in which convolutions on CPU and GPU are fastest.
         self.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
@@ -137,8 +131,6 @@ class QNetwork(nn.Module):
         hidden = self.hidden(self._features(frames, vectors))
         if self.norm is not None:  # in float32, whatever the precision of the layers
             hidden = self.norm(hidden.float()).to(hidden.dtype)
-        for layer in self.further:
-            hidden = layer(relu(hidden))
         numbers: Tensor = self.actions(relu(hidden)).float()
         return numbers.view(len(numbers), self.action_count, -1)
 

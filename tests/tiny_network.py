@@ -5,5 +5,5 @@ Where it is put into `LAYERS`, as in every program that is `forked`, it takes th
 
 from common.network import Layers
 
-TINY = Layers(((16, 12, 12),), (64,))
+TINY = Layers(((16, 12, 12),), 64)
 """A pixel of its only convolution is a cell of Catch."""

@@ -84,11 +84,11 @@ class GameEnv(gymnasium.Env[Observation, np.int64]):
     def _time_eye(
         self, look: Callable[[NDArray[np.uint8]], NDArray[np.uint8]], screen: NDArray[np.uint8]
     ) -> None:
-        """If ``play`` asks for it, time the eye, so that hands and eye are equally late.
+        """With ``play.equal_latency``, time the eye, so that hands and eye are equally late.
 
         The arguments are those of `eye_latency`.
         """
-        if self._play.times_latency:
+        if self._play.equal_latency:
             self._world.see_late(eye_latency(look, screen) * self._play.frame_skip)
 
     def _observation(self) -> Observation:

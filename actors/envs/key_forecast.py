@@ -37,12 +37,6 @@ class _Latency:
         """Emulator frames between the frame that begins with a command and the first one that
         ends with its keys; 0 before the first change."""
 
-    def expect(self, frames: int) -> None:
-        """Count as if all changes so far had taken ``frames`` emulator frames."""
-        self._votes[:] = 0.0
-        self._votes[frames] = 1 / (1 - _KEEP)
-        self.frames = frames
-
     def vote(self, changed: int, wanted: list[int]) -> None:
         """Vote for the age, in frames, of each command that asked for one of the ``changed`` keys.
 
@@ -77,11 +71,6 @@ class KeyForecast:
         self._past: deque[int] = deque([0] * (LONGEST + 1), maxlen=LONGEST + 1)
         """The keys that were commanded in each of the last frames."""
         self._release, self._press = _Latency(), _Latency()
-
-    def expect(self, release: int, press: int) -> None:
-        """Begin with latencies that are known: those of hands that are slowed on purpose."""
-        self._release.expect(release)
-        self._press.expect(press)
 
     def command(self, keys: Keys) -> None:
         """Note that the hands are to hold ``keys`` from the next frame on."""

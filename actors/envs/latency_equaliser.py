@@ -9,7 +9,6 @@ after different times (a playout buffer).
 from collections import deque
 from collections.abc import Callable
 from functools import reduce
-from math import ceil
 from operator import and_, or_
 
 from actors.envs.hand_timing import HandLatency, key_latencies
@@ -38,26 +37,17 @@ class LatencyEqualiser:
     """
 
     def __init__(
-        self,
-        hands: Hands,
-        latency: int,
-        give: Callable[[int], None] = lambda ago: None,
-        *,
-        unit: int = 0,
+        self, hands: Hands, latency: int, give: Callable[[int], None] = lambda ago: None
     ) -> None:
         """Args:
-        latency: the least one.
         give: is told, before each command that the hands get, how many emulator frames ago the
             agent gave it.
-        unit: if not 0, hands and eye that together take longer than ``latency`` get the next
-            multiple of this number.
         """
         self._hands = hands
-        self._least, self._unit = latency, unit
+        self._latency = latency
         self._give = give
-        self._own = 0
-        """Emulator frames that the slowest key takes."""
-        self.see_late(0)
+        self.seen_late = 0
+        """Emulator frames by which the eye's pictures are late."""
         self._keys_by_latency: dict[HandLatency, int] = {HandLatency(0, 0, 0): ~0}
         """The quickest first."""
         self._passed_on: int
@@ -68,30 +58,12 @@ class LatencyEqualiser:
         """Find out how long the hands take to release and to press each of ``keys``; let them rest
         afterwards."""
         keys_by_latency: dict[HandLatency, int] = {}
-        self._own = 0
         for key, (release, *presses) in key_latencies(self._hands, keys, self._give).items():
             # A command that pressed a key sooner than it releases another would take two.
             gaps = zip(presses, (GAP, GAP + TRAVEL), strict=True)
             latency = HandLatency(release, *(min(press, release + gap) for press, gap in gaps))
             keys_by_latency[latency] = keys_by_latency.get(latency, 0) | key
-            self._own = max(self._own, release, presses[0] - GAP, presses[1] - GAP - TRAVEL)
         self._keys_by_latency = dict(sorted(keys_by_latency.items()))
-        self.see_late(self._seen_late)
-
-    def see_late(self, frames: int) -> None:
-        """Set the latency of the eye's pictures, in emulator frames: the hands get so much less
-        time of the whole latency, which is `lead` afterwards."""
-        self._seen_late = frames
-        latency, needed = self._least, self._own + frames
-        if self._unit and needed > latency:
-            latency = min(ceil(needed / self._unit) * self._unit, MAX_ADDED)
-        self.lead = latency - frames
-
-    @property
-    def release(self) -> int:
-        """Emulator frames from a command to the release of keys: `lead`, or what slower hands
-        need."""
-        return max(self.lead, self._own)
 
     @property
     def held(self) -> Keys:
@@ -135,12 +107,13 @@ class LatencyEqualiser:
         """How many emulator frames ago the agent gave the command by which ``due`` is due."""
         pressed = due & ~self._passed_on
         changed = pressed or self._passed_on & ~due
+        lead = self._latency - self.seen_late
         own = [
             latency.press if pressed else latency.release
             for latency, keys in self._keys_by_latency.items()
             if keys & changed
         ]
-        ago, last = max(0, self.lead - min(own)), len(self._told) - 1
+        ago, last = max(0, lead - min(own)), len(self._told) - 1
         while ago < last and self._told[last - ago - 1] & changed == pressed:
             ago += 1
         return ago
@@ -159,7 +132,7 @@ class LatencyEqualiser:
     def _seen_in(self, frames: int) -> int:
         """The keys that were commanded for what is to be seen so many frames from now."""
         last = len(self._told) - 1
-        return self._told[min(last, last + frames - self.lead)]
+        return self._told[min(last, last + frames - (self._latency - self.seen_late))]
 
     def _forget(self) -> None:
         self._wanted = self._passed_on = 0

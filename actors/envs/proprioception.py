@@ -39,11 +39,6 @@ class Proprioception:
         if self._forecast is not None:
             self._forecast.restart()
 
-    def expect(self, release: int, press: int) -> None:
-        """Let the forecast begin with latencies that are known, in emulator frames."""
-        if self._forecast is not None:
-            self._forecast.expect(release, press)
-
     def command(self, action: int) -> None:
         """Remember a command, one of ALE's 18 actions."""
         self._commands[:-ACTIONS] = self._commands[ACTIONS:].copy()

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from actors.envs.game import AtariGame
 from actors.envs.key_watch import KeyWatch
 from actors.envs.late_commands import hands_of
-from actors.envs.latency_equaliser import GAP, LatencyEqualiser
+from actors.envs.latency_equaliser import LatencyEqualiser
 from actors.envs.proprioception import Proprioception
 from actors.robots.interface import Hands
 from common.actions import KEYS_OF_ACTION, Keys, action_of_keys
@@ -100,10 +100,9 @@ class World:
         The observed keys are made as late, so that both are of one moment.
         """
         if self._equaliser is not None:
-            self._equaliser.see_late(frames)
+            self._equaliser.seen_late = frames
         if self._sense is not None:
             self._sense.seen_late = frames
-        self._tell_latency()
 
     def restart(self) -> None:
         """Put the hands at rest and forget everything, because a game begins."""
@@ -112,7 +111,6 @@ class World:
         self._frames, self._points = 0, 0.0
         if self._sense is not None:
             self._sense.forget()
-        self._tell_latency()
 
     def command(self, action: int) -> None:
         """Send the hands to the keys of one of the 18 actions."""
@@ -148,16 +146,10 @@ class World:
             pass
         return agent_step
 
-    def _tell_latency(self) -> None:
-        """Let the forecast begin with the latency to which the hands are slowed."""
-        if self._equaliser is not None and self._sense is not None:
-            release = self._equaliser.release
-            self._sense.expect(release, release + GAP)
-
     def _take_hands(self, play: PlayConfig, rng: Generator) -> None:
         self._hands: Hands = hands_of(play, self._arms, rng, self.key_watch)
         self._equaliser: LatencyEqualiser | None = None
-        if play.times_latency:
+        if play.equal_latency:
             self._hands = self._equaliser = LatencyEqualiser(
-                self._hands, play.equal_latency, self.key_watch.give, unit=play.latency_step
+                self._hands, play.equal_latency, self.key_watch.give
             )

@@ -100,20 +100,11 @@ class PlayConfig:
     frames; 0 for none. Keys and eye are timed, and hands that are faster get their commands later.
     New keys are pressed one frame after the release, or two if the hand comes from other keys, as
     NAO's do."""
-    latency_step: Annotated[int, Ge(0), Le(MAX_ADDED)] = 0
-    """Unit of the latency of hands and eye, emulator frames; 0 for none. Keys and eye are timed,
-    and their latency is rounded up to a multiple of the unit, as by --play.equal-latency, which
-    then is the minimum. --play.vector-forecast knows the result from the first frame on."""
     arm_speed: Annotated[float, Ge(0.25), Le(1.1), OF_A_ROBOT] = 1.0
     """Maximum speed of the arms' joints, relative to the usual maximum, which is 0.9 of the
     published speed."""
     key_threshold: Annotated[float, Ge(0.5), Le(1.4), OF_A_ROBOT] = 1.0
     """Depths at which a key counts as pressed and as released, relative to the usual ones."""
-
-    @property
-    def times_latency(self) -> bool:
-        """Whether hands and eye are timed before each game, and slowed."""
-        return self.equal_latency > 0 or self.latency_step > 0
 
     @property
     def steps_per_second(self) -> float:
@@ -261,18 +252,12 @@ class RandomiseConfig:
     press_latency: Annotated[Count, Drawn(_plus_whole, 3, "play.press_latency")] = 0
     """Maximum additional --play.press-latency of the modelled hand, emulator frames; arms are not
     affected."""
-    probability: Fraction = 1.0
-    """Probability with which a game draws a condition; otherwise it has the usual setting. Each
-    condition is decided by itself, so 0.75 also gives games with late hands and a perfect
-    camera."""
 
 
 _FIXED = {"play": PlayConfig, "camera": CameraConfig}
 DRAWN: dict[str, Drawn] = {
-    name: how
+    name: next(each for each in hint.__metadata__ if isinstance(each, Drawn))
     for name, hint in get_type_hints(RandomiseConfig, include_extras=True).items()
-    for how in getattr(hint, "__metadata__", ())
-    if isinstance(how, Drawn)
 }
 """How the settings of each range are drawn, in the order of drawing."""
 
@@ -305,8 +290,7 @@ def draw(
     """Returns the conditions of one game, drawn around ``play`` and ``camera``.
 
     The number of draws does not depend on which ranges are off, so one range does not change what
-    another draws. A probability below 1 takes another draw for each range. Nothing is drawn if
-    every range is off.
+    another draws. Nothing is drawn if every range is off.
 
     Args:
         random: draws uniformly from 0 to 1, as `numpy.random.Generator.random` does.
@@ -318,12 +302,10 @@ def draw(
     drawn: dict[str, dict[str, Any]] = {group: {} for group in usual}
     glare_x, glare_y = random(), random()
     for name, how in DRAWN.items():
-        nothing, whole = getattr(NOTHING_DRAWN, name), getattr(ranges, name)
-        most = nothing + share * (whole - nothing)
-        if ranges.probability < 1 and random() >= ranges.probability:
-            most = nothing
         for setting in how.settings:
             group, field = setting.split(".")
+            nothing, whole = getattr(NOTHING_DRAWN, name), getattr(ranges, name)
+            most = nothing + share * (whole - nothing)
             drawn[group][field] = how.law(getattr(usual[group], field), most, random())
     if ranges.glare:
         drawn["camera"] |= {"glare_x": glare_x, "glare_y": glare_y}
@@ -334,7 +316,7 @@ def check_ranges(play: PlayConfig, camera: CameraConfig, ranges: RandomiseConfig
     """Checks that no range reaches beyond the bounds of a setting. Raises InputError with the
     setting at fault."""
     for least_or_most in (lambda: 0.0, lambda: 1.0):
-        drawn = draw(play, camera, replace(ranges, probability=1.0), least_or_most)
+        drawn = draw(play, camera, ranges, least_or_most)
         for group, settings in drawn._asdict().items():
             try:
                 from_mapping(type(settings), asdict(settings), group)

@@ -34,7 +34,7 @@ _HEAD_BYTES = 65_536
 
 PresetName = Literal["paper", "fast", "robot"]
 InitialWeights = Literal["torch", "glorot", "he"]
-NetworkName = Literal["nature", "deep", "nips"]
+NetworkName = Literal["nature", "nips"]
 
 
 @dataclass(frozen=True)
@@ -77,8 +77,7 @@ class LearningConfig:
     """Number of quantiles of each action's return that qr_dqn learns."""
     network: NetworkName = "nature"
     """Network: 'nature' has three convolutions and 512 hidden units (Mnih et al. 2015, and 2017);
-    'deep' has 448 and then 384; 'nips' has two convolutions and 256 hidden units, with a third of the
-    arithmetic (Mnih et al. 2013)."""
+    'nips' has two and 256, with a third of the arithmetic (Mnih et al. 2013)."""
     target: Literal["dqn", "double"] = "double"
     """Network that chooses the next action in the target: the target network ('dqn') or the online
     network ('double')."""

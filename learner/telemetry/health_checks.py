@@ -47,8 +47,7 @@ def keys_can_follow(play: PlayConfig) -> bool:
 def _is_late(play: PlayConfig) -> bool:
     """Returns whether commands come late on purpose, or because the robot is slow by nature."""
     prompt = ROBOTS.find(play.robot).prompt
-    added = max(play.actuation_latency, play.actuation_jitter)
-    return not prompt or added > 0 or play.times_latency
+    return not prompt or max(play.actuation_latency, play.actuation_jitter, play.equal_latency) > 0
 
 
 def judge(values: Values, config: RunConfig) -> tuple[HealthCheck, ...]:

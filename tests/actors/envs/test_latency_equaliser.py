@@ -130,7 +130,7 @@ def test_a_slow_key_takes_no_time_of_a_quick_one(actions: list[int]) -> None:
 
 def test_what_is_seen_late_leaves_the_hands_less_time() -> None:
     late = equal(3)
-    late.see_late(4)
+    late.seen_late = 4
     assert play(late, [1, 0, 2, 5]) == schedule([1, 0, 2, 5], EQUAL - 4)
 
 
