@@ -15,7 +15,7 @@ process of a run finds (CONTRIBUTING.md)::
 
 import pkgutil
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib.metadata import entry_points
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
@@ -38,6 +38,8 @@ class Entry:
     name: str
     factory: str | Callable[..., Any]
     """The callable that makes it, or its place as ``"module:factory"``."""
+    settings: type | None = field(default=None, kw_only=True)
+    """Dataclass of the settings that it declares for itself (`common.run.own_settings`)."""
 
 
 @dataclass(frozen=True)

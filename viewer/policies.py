@@ -41,13 +41,14 @@ class Policies:
                 scores[name][f"{grid.worlds} worlds"] = f"{mean}/{worst}"
         chances = list(dict.fromkeys(chance for row in scores.values() for chance in row))
         columns = [Column(each, justify="right") for each in chances]
-        texts = (Column(each, no_wrap=True) for each in ("policy", "plays", "input"))
+        texts = (Column(each, no_wrap=True) for each in ("policy", "game", "env", "input"))
         table = Table(*texts, *columns, box=box.SIMPLE, padding=0, show_edge=False)
         for name, card in cards.items():
             config = card["config"]
             table.add_row(
                 name,
-                f"{config['game']} ({config['env']})",
+                config["game"],
+                config["env"],
                 "vector" if config["play"]["vector"] else "frames",
                 *(scores[name].get(chance, "") for chance in chances),
             )

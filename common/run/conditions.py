@@ -83,6 +83,10 @@ class PlayConfig:
     with a latency model in place of its hands, in the format of Physical Atari. The emulator alone
     follows such a model too. The run stores the file's SHA-256; each process needs the same
     file."""
+    robot_settings: str = ""
+    """Settings that a registered robot declares for itself, such as 'reach=0.4 fingers=2'."""
+    env_settings: str = ""
+    """Settings that a registered environment declares for itself, such as 'lamps=4'."""
     hand: Literal["arm", "model"] = "arm"
     """Actuator of a robot's keys: its arms, or a model with --play.press-latency. The emulator
     alone always uses the model."""

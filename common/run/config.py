@@ -17,6 +17,7 @@ from common.protocol.step_fields import FRAME_BYTES, drawn_fields
 from common.protocol.wire import MAX_MESSAGE_BYTES
 from common.registry import ALGORITHMS, ENVIRONMENTS, ROBOTS
 from common.run.conditions import DRAWN, CameraConfig, PlayConfig, RandomiseConfig, check_ranges
+from common.run.own_settings import check_own_settings
 from common.run.stored_config import from_mapping
 
 MAX_CHUNK_STEPS = 1_024
@@ -73,6 +74,8 @@ class LearningConfig:
     algorithm: str = "dqn"
     """Algorithm: 'dqn' (equations 2 to 4 of 2017; Double DQN with --learning.target double), or
     'qr_dqn' (quantile regression, Dabney et al. 2018)."""
+    algorithm_settings: str = ""
+    """Settings that a registered algorithm declares for itself, such as 'kappa=0.5'."""
     quantiles: Annotated[int, Ge(1), Le(256)] = 51
     """Number of quantiles of each action's return that qr_dqn learns."""
     network: NetworkName = "nature"
@@ -251,18 +254,22 @@ class RunConfig:
         InputError with the field at fault and what to choose."""
         from_mapping(RunConfig, dataclasses.asdict(self), "")
         environment = ENVIRONMENTS.find(self.env)
+        check_own_settings(environment, self.play.env_settings, "play.env_settings")
         environment.actions(self)  # raises for an unknown game
         self._check_meaningful()
         check_ranges(self.play, self.camera, self.randomise)
-        if environment.robot:
-            ROBOTS.find(self.play.robot)
         play = self.play
+        if environment.robot or play.robot_settings:
+            robot = ROBOTS.find(play.robot)
+            check_own_settings(robot, play.robot_settings, "play.robot_settings")
         if play.latency_model and (play.hand == "model" or play.press_latency):
             raise InputError(
                 f"play.robot is {path_of(play.robot)}, which models the hands by itself: leave "
                 "play.hand at 'arm' and play.press_latency at 0."
             )
-        ALGORITHMS.find(self.learning.algorithm)
+        algorithm = ALGORITHMS.find(self.learning.algorithm)
+        text = self.learning.algorithm_settings
+        check_own_settings(algorithm, text, "learning.algorithm_settings")
         learning, replay, stream = self.learning, self.replay, self.stream
         if learning.annealing_steps and learning.final_learning_rate > learning.learning_rate:
             raise InputError(

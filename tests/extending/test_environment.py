@@ -1,28 +1,39 @@
 """Another environment: a class, and its entry in the registry."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import gymnasium
 import numpy as np
+import pytest
+from annotated_types import Ge, Le
 
 from actors.envs.step_info import StepInfo
+from common.errors import InputError
 from common.registry import ENVIRONMENTS, Environment
 from common.run.clock import ClockConfig
 from common.run.conditions import PlayConfig
 from common.run.config import RunConfig, StreamConfig
+from common.run.own_settings import own_settings
 from common.run.presets import PRESETS
 from tests.extending.whole_run import added, learned
 
 GAME_STEPS = 10
 
 
+@dataclass(frozen=True)
+class LampSettings:
+    lamps: Annotated[int, Ge(2), Le(7)] = 3
+    """Number of lamps."""
+
+
 class Lamps(gymnasium.Env[Any, np.int64]):
-    """Three lamps: to name the one that is lit makes a point; a game has ten of them."""
+    """Some lamps: to name the one that is lit makes a point; a game has ten of them."""
 
     def __init__(self, play: PlayConfig) -> None:
-        self.action_space = gymnasium.spaces.Discrete(3)
+        self._lamps = own_settings(LampSettings, play.env_settings).lamps
+        self.action_space = gymnasium.spaces.Discrete(self._lamps)
         shape = (play.frame_stack, 84, 84)
         self.observation_space = gymnasium.spaces.Box(0, 255, shape, np.uint8)
         self._frames = np.zeros(shape, np.uint8)
@@ -49,10 +60,11 @@ class Lamps(gymnasium.Env[Any, np.int64]):
         return self._look(), reward, over, False, info._asdict()
 
     def _look(self) -> Any:
-        self._lit = int(self.np_random.integers(3))
+        self._lit = int(self.np_random.integers(self._lamps))
         self._frames = np.roll(self._frames, -1, axis=0)
         self._frames[-1] = 0
-        self._frames[-1, :, 28 * self._lit : 28 * (self._lit + 1)] = 255
+        width = 84 // self._lamps
+        self._frames[-1, :, width * self._lit : width * (self._lit + 1)] = 255
         return self._frames.copy()
 
 
@@ -67,7 +79,13 @@ CONFIG = replace(
     protocol=replace(_FAST.protocol, epoch_steps=10_000, held_out_states=16),
 )
 """A run of a second."""
-LAMPS = Environment("lamps", Lamps.of_run, lambda config: 3, title="Lamps")
+LAMPS = Environment(
+    "lamps",
+    Lamps.of_run,
+    lambda config: own_settings(LampSettings, config.play.env_settings).lamps,
+    title="Lamps",
+    settings=LampSettings,
+)
 
 
 def test_an_environment_from_outside_is_learned(tmp_path: Path) -> None:
@@ -80,3 +98,23 @@ def test_an_environment_from_outside_is_learned(tmp_path: Path) -> None:
     assert policy.weights_version > 0
     # A third of ten, by chance.
     assert 1 < summary["random_reward"] < 6
+
+
+def test_an_environment_has_settings_of_its_own(tmp_path: Path) -> None:
+    config = replace(CONFIG, play=replace(CONFIG.play, env_settings="lamps=7"))
+    with added(ENVIRONMENTS, LAMPS):
+        assert config.action_count == 7
+        summary, _ = learned(config, tmp_path, steps=240)
+    assert summary["updates"] > 0
+
+
+def test_settings_of_its_own_are_checked_with_the_others() -> None:
+    with added(ENVIRONMENTS, LAMPS):
+        for wrong, sentence in (
+            ("lamps=8", "play.env_settings.lamps is 8: choose at most 7."),
+            ("lamp=4", "play.env_settings has no 'lamp': did you mean lamps?"),
+        ):
+            config = replace(CONFIG, play=replace(CONFIG.play, env_settings=wrong))
+            with pytest.raises(InputError) as error:
+                config.check()
+            assert str(error.value) == sentence

@@ -16,7 +16,8 @@ def test_a_toy_algorithm_learns_by_its_name(stage: Stage) -> None:
         "[ale_robot.algorithms]\nrandom_policy = tests.extending.toy_algorithm:RANDOM_POLICY\n"
     )
     learner = stage.learner(
-        *("--env", "ale", "--learning.algorithm", "random_policy", "--steps", "300", *SMALL)
+        *("--env", "ale", "--learning.algorithm", "random_policy", "--steps", "300", *SMALL),
+        *("--learning.algorithm-settings", "greed=0.5"),
     )
     stage.actor("a")
 
@@ -25,6 +26,7 @@ def test_a_toy_algorithm_learns_by_its_name(stage: Stage) -> None:
     assert stage.summary()["updates"] >= (300 - 200) // 4
     config = json.loads((stage.run / "config.json").read_text())
     assert config["learning"]["algorithm"] == "random_policy"
+    assert config["learning"]["algorithm_settings"] == "greed=0.5"
     state = load_file(stage.run / "checkpoint.safetensors")
     learned = state["online.actions.bias"] - state["target.actions.bias"]
     assert np.isfinite(learned).all()

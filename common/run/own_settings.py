@@ -1,0 +1,68 @@
+"""Settings that an environment, a robot or an algorithm of another package declares for itself.
+
+They are a frozen dataclass, with bounds beside its fields and a default for each, as in
+`common.run.conditions`. A run's configuration holds them as one text, such as
+``kappa=0.5 depth=3``, so that it can be stored and sent without the package.
+"""
+
+import json
+import shlex
+from dataclasses import fields
+from typing import TYPE_CHECKING, Any, Literal, TypeVar, get_args, get_origin, get_type_hints
+
+from common.errors import InputError, choice
+from common.run.stored_config import from_mapping
+
+if TYPE_CHECKING:
+    from common.registry import Entry
+
+T = TypeVar("T")
+
+
+def own_settings(kind: type[T], text: str, where: str = "settings") -> T:
+    """Returns the ``kind`` that ``text`` describes; what it does not name has its default. Raises
+    InputError if a setting is unknown, not of its type, or out of bounds.
+
+    Args:
+        text: pairs of name and value, with ``=`` between them, separated by blanks. A value with
+            blanks is quoted, as in a shell.
+        where: names the text in errors.
+    """
+    hints = get_type_hints(kind)
+    values: dict[str, Any] = {}
+    for field in fields(kind):  # type: ignore[arg-type]
+        values[field.name] = field.default
+    for pair in _pairs(text, where):
+        name, equals, value = pair.partition("=")
+        if not equals:
+            raise InputError(f"{where} has {pair!r}: write name=value.")
+        if name not in values:
+            raise InputError(f"{where} has no {name!r}: {choice(name, sorted(values))}")
+        values[name] = _value(hints[name], value)
+    return from_mapping(kind, values, where)
+
+
+def check_own_settings(entry: "Entry", text: str, where: str) -> None:
+    """Checks the settings of ``entry`` itself, as `own_settings` does. Raises InputError if there
+    are any, but the entry declares none."""
+    if entry.settings is not None:
+        own_settings(entry.settings, text, where)
+    elif text:
+        raise InputError(f"{where} is {text!r}, but {entry.name} has no settings of its own.")
+
+
+def _pairs(text: str, where: str) -> list[str]:
+    try:
+        return shlex.split(text)
+    except ValueError:
+        raise InputError(f"{where} is {text!r}: a quotation mark is missing.") from None
+
+
+def _value(hint: Any, text: str) -> Any:
+    """Returns the value that ``text`` stands for, for the declaration to check."""
+    if hint is str or (get_origin(hint) is Literal and isinstance(get_args(hint)[0], str)):
+        return text
+    try:
+        return json.loads(text)
+    except ValueError:
+        return text

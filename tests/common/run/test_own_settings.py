@@ -1,0 +1,101 @@
+"""Settings that an extension declares for itself, as one text."""
+
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+import pytest
+from annotated_types import Ge, Le
+from hypothesis import given
+from hypothesis import strategies as st
+
+from common.checked import Amount
+from common.errors import InputError
+from common.registry import ALGORITHMS, ROBOTS, AlgorithmKind
+from common.run.conditions import PlayConfig
+from common.run.config import LearningConfig, RunConfig
+from common.run.own_settings import own_settings
+from tests.extending.whole_run import added
+
+
+@dataclass(frozen=True)
+class Kind:
+    depth: Annotated[int, Ge(1), Le(9)] = 3
+    kappa: Amount = 1.0
+    dueling: bool = False
+    name: str = "none"
+    mode: Literal["max", "mean"] = "max"
+
+
+def test_what_is_not_named_has_its_default() -> None:
+    assert own_settings(Kind, "") == Kind()
+    assert own_settings(Kind, "kappa=0.5 depth=4") == Kind(depth=4, kappa=0.5)
+    assert own_settings(Kind, "dueling=true mode=mean") == Kind(dueling=True, mode="mean")
+
+
+def test_a_text_stays_a_text() -> None:
+    assert own_settings(Kind, "name=5").name == "5"
+    assert own_settings(Kind, "name='two words' depth=1").name == "two words"
+    assert own_settings(Kind, "name=a=b").name == "a=b"
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("depth=10", "s.depth is 10: choose at most 9."),
+        ("depth=2.5", "s.depth is 2.5, which is not a whole number."),
+        ("depth=two", "s.depth is 'two', which is not a whole number."),
+        ("kappa=NaN", "s.kappa is nan: choose a finite number."),
+        ("kappa=-1", "s.kappa is -1: choose 0 or more."),
+        ("dueling=1", "s.dueling is 1, which is not true or false."),
+        ("mode=min", "s.mode is 'min': choose 'max' or 'mean'."),
+        ("kapa=1", "s has no 'kapa': did you mean kappa?"),
+        ("depth", "s has 'depth': write name=value."),
+        ("name='a", 's is "name=\'a": a quotation mark is missing.'),
+    ],
+)
+def test_what_is_wrong_is_told(text: str, sentence: str) -> None:
+    with pytest.raises(InputError) as error:
+        own_settings(Kind, text, "s")
+    assert str(error.value) == sentence
+
+
+@given(st.text(max_size=60))
+def test_no_text_ends_it_otherwise(text: str) -> None:
+    with suppress(InputError):
+        assert isinstance(own_settings(Kind, text), Kind)
+
+
+def test_a_run_refuses_settings_that_nobody_declares() -> None:
+    for config, sentence in (
+        (
+            RunConfig(learning=LearningConfig(algorithm_settings="kappa=1")),
+            "learning.algorithm_settings is 'kappa=1', but dqn has no settings of its own.",
+        ),
+        (
+            RunConfig(play=PlayConfig(robot_settings="reach=1")),
+            "play.robot_settings is 'reach=1', but nao has no settings of its own.",
+        ),
+        (
+            RunConfig(env="ale", play=PlayConfig(env_settings="x=1")),
+            "play.env_settings is 'x=1', but ale has no settings of its own.",
+        ),
+    ):
+        with pytest.raises(InputError) as error:
+            config.check()
+        assert str(error.value) == sentence
+
+
+def test_a_run_takes_those_of_its_algorithm_and_robot() -> None:
+    algorithm = AlgorithmKind("deep", "nowhere:deep", settings=Kind)
+    nao = ROBOTS.find("nao")
+    robot = type(nao)("tall", nao.factory, joints=nao.joints, settings=Kind)
+    with added(ALGORITHMS, algorithm), added(ROBOTS, robot):
+        config = RunConfig(
+            learning=LearningConfig(algorithm="deep", algorithm_settings="depth=4"),
+            play=PlayConfig(robot="tall", robot_settings="kappa=2"),
+        )
+        config.check()
+        wrong = RunConfig(play=PlayConfig(robot="tall", robot_settings="depth=0"))
+        with pytest.raises(InputError, match=r"play\.robot_settings\.depth is 0"):
+            wrong.check()
