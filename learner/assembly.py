@@ -10,6 +10,7 @@ from common.run.stored_config import flat
 from common.transport.interface import Transport
 from common.transport.signature import Sign
 from learner.algorithm.interface import Algorithm
+from learner.broadcast import Broadcast
 from learner.checkpoint import Checkpoint
 from learner.clock import RunClock
 from learner.demonstrations import Begun
@@ -133,11 +134,12 @@ def build_learner(
             lambda batch: algorithm.prepare(to_device(batch, device.torch)),
             config.learning.batch_size,
         ),
-        broadcast=transport.publisher(keys.weights).publish,
-        sign=sign,
+        broadcast=Broadcast(
+            algorithm, replay.run_id, transport.publisher(keys.weights).publish, sign, clock.now
+        ),
         checkpoint=checkpoint,
         phases=phases,
-        losses=LossGuard(algorithm, replay, telemetry.note),
+        losses=LossGuard(algorithm, replay, folder.checkpoint, telemetry.note),
         held_out=held_out,
         evaluation=evaluation,
         registry=registry,

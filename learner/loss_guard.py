@@ -1,14 +1,16 @@
-"""`LossGuard`: tells a diverged network from a few bad minibatches, which do no harm."""
+"""`LossGuard`: tells a diverged network, which ends the run, from a few bad minibatches."""
 
 import math
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from common.errors import InputError
 from learner.algorithm.interface import Algorithm, Update
 from replay.interface import Replay
 
@@ -24,13 +26,15 @@ class LossGuard:
 
     algorithm: Algorithm
     replay: Replay
+    checkpoint: Path
+    """File of the last good network, which an error names."""
     note: Callable[[str], None]
     """Takes an event for people."""
 
     def __post_init__(self) -> None:
         self.skipped = 0
         """Updates of this process whose loss was not finite."""
-        self.diverged_at: int | None = None
+        self._diverged_at: int | None = None
         """Number of the first update that is the network's fault."""
         self._last_skipped: deque[int] = deque(maxlen=_MOST_SKIPPED)
         self._unseen: list[tuple[int, NDArray[np.int64], Update]] = []
@@ -40,11 +44,25 @@ class LossGuard:
         """Takes an update of the steps ``ids``, without waiting for the device."""
         self._unseen.append((number, ids, result))
 
-    def have_diverged(self) -> bool:
-        """Returns whether the network has diverged.
+    def check(self) -> None:
+        """Looks at all losses since the last call. Raises InputError if the network diverged."""
+        self._look()
+        if self._diverged_at is not None:
+            raise self._error(f"the loss became non-finite at update {self._diverged_at}")
 
-        It looks at all losses since the last call together, because each look waits for the device.
-        """
+    def check_weights(self, updates: int) -> None:
+        """Checks losses and weights, before these are saved or sent after ``updates``. Raises
+        InputError if the network has diverged."""
+        self.check()
+        if not self._is_finite():  # the next loss would show it, but too late
+            raise self._error(f"weights became non-finite by update {updates}")
+
+    def was_skipped(self, number: int) -> bool:
+        """Returns whether the loss of a recent update was non-finite, as `check` found."""
+        return number in self._last_skipped
+
+    def _look(self) -> None:
+        # All losses since the last time together, because each look waits for the device.
         seen, self._unseen = self._unseen, []
         losses = torch.stack([result.loss for *_, result in seen]).tolist() if seen else []
         for (number, ids, result), loss in zip(seen, losses, strict=True):
@@ -52,24 +70,25 @@ class LossGuard:
                 continue
             self.skipped += 1
             self._last_skipped.append(number)
-            if self.is_finite():
+            if self._is_finite():
                 self._quarantine(ids, result.priorities.float().cpu().numpy())
                 first = self._last_skipped[0]
                 often = len(self._last_skipped) == _MOST_SKIPPED and number - first < _RECENTLY
             else:
                 first, often = number, True
-            if often and self.diverged_at is None:
-                self.diverged_at = first
-        return self.diverged_at is not None
+            if often and self._diverged_at is None:
+                self._diverged_at = first
 
-    def is_finite(self) -> bool:
+    def _error(self, how: str) -> InputError:
+        return InputError(
+            f"{how}: start another run with a smaller --learning.learning-rate, from this one's "
+            f"last good network by --initial {self.checkpoint}."
+        )
+
+    def _is_finite(self) -> bool:
         """Returns whether all published weights are finite; waits for the device once."""
         weights = self.algorithm.published.parameters()
         return bool(torch.stack([each.isfinite().all() for each in weights]).all())
-
-    def was_skipped(self, number: int) -> bool:
-        """Returns whether the loss of a recent update was non-finite, as `have_diverged` found."""
-        return number in self._last_skipped
 
     def _quarantine(self, ids: NDArray[np.int64], priorities: NDArray[np.float32]) -> None:
         """Makes the replay never draw the faulty steps again: all of them if none stands out."""

@@ -16,11 +16,10 @@ from common.metrics import Value
 from common.process.supervisor import Supervisor
 from common.protocol.run_status import HealthCheck
 from common.protocol.weights import encode_weights
-from common.protocol.wire import encode_version
 from common.run.config import RunConfig
 from common.schedule import Every
-from common.transport.signature import Sign
 from learner.algorithm.interface import Algorithm
+from learner.broadcast import Broadcast
 from learner.checkpoint import Checkpoint
 from learner.clock import RunClock
 from learner.evaluation.coordinator import EvaluationCoordinator
@@ -39,7 +38,6 @@ from replay.interface import Replay
 _TICK = 0.1
 _LOOK_SECONDS = 0.25
 _MEASURE_SECONDS = 30.0
-_PUBLISH_SECONDS = 10.0
 _LEAST_PHASE = 0.1
 """Minimum share of an epoch that a run's last steps need to count as an epoch of their own."""
 _FAREWELL = 60.0
@@ -62,10 +60,7 @@ class Learner:
     algorithm: Algorithm
     draw: Callable[[int], Prefetcher]
     """Starts to draw minibatches; takes the number of updates so far."""
-    broadcast: Callable[[bytes, bytes], None]
-    """Sends weights, and their version, run and signature, to the actors."""
-    sign: Sign
-    """Signs the weights."""
+    broadcast: Broadcast
     checkpoint: Checkpoint
     phases: Phases
     losses: LossGuard
@@ -84,10 +79,8 @@ class Learner:
         self._children: Supervisor | None = None
         self._batches: Prefetcher
         self._replay_progress: Progress
-        self._published = 0
         self._look_schedule = Every(_LOOK_SECONDS, self.clock.now)
         self._measure_schedule = Every(_MEASURE_SECONDS, self.clock.now)
-        self._publish_schedule = Every(_PUBLISH_SECONDS, self.clock.now)
 
     # ------------------------------------------------------------------ the loop
 
@@ -138,7 +131,7 @@ class Learner:
         updates, schedule = self.phases.updates, self.config.learning
         self.losses.add(updates, batch.ids, result)
         if self.config.replay.sampler == "prioritised":
-            self._check_loss()
+            self.losses.check()
             if not self.losses.was_skipped(updates):
                 self.replay.update_priorities(batch.ids, result.priorities.cpu().numpy())
         if updates % schedule.publish_period == 0:
@@ -149,7 +142,7 @@ class Learner:
     def _look(self) -> None:
         """Takes in what happened in other processes, and does what is due by the clock."""
         self._insist(self._check_room)
-        self._check_loss()
+        self.losses.check()
         self._count_chunks()
         self._take_tests()
         if self._children is not None:
@@ -157,8 +150,8 @@ class Learner:
                 self.telemetry.note(note)
         if self._measure_schedule.is_due():
             self.held_out.measure(self.algorithm, self.replay)
-        if self._publish_schedule.is_due():
-            self._publish()  # a restarted replay has no weights to hand out
+        if self.broadcast.is_due():
+            self._publish()
         values, progress = self._values(), self._replay_progress
         self._check_health(self._insist(lambda: self.telemetry.report(values, progress)))
 
@@ -205,7 +198,7 @@ class Learner:
         self._insist(self._save)
 
     def _save(self) -> None:
-        self._check_network()
+        self.losses.check_weights(self.phases.updates)
         self.replay.sync()  # or after a power failure the checkpoint could count lost steps
         self.checkpoint.save(
             {
@@ -219,36 +212,15 @@ class Learner:
         )
 
     def _publish(self) -> None:
-        """Broadcasts the weights; their version is the number of updates so far."""
-        self._check_network()
-        self._published = self.phases.updates
-        weights, run_id = encode_weights(self.algorithm.published), self.replay.run_id
-        signature = self.sign("training", self._published, run_id, weights)
-        self.broadcast(weights, encode_version(self._published, run_id, signature))
-        self._publish_schedule.restart()
+        self.losses.check_weights(self.phases.updates)
+        self.broadcast.send(self.phases.updates)
 
     def _keep_what_was_learned(self) -> None:
         """Writes the last checkpoint; raises InputError if the network has diverged."""
-        self._check_loss()
+        self.losses.check()
         if self.stop.is_set():
             self.telemetry.say("stopping: writing a checkpoint ...")
         self._checkpoint()
-
-    def _check_network(self) -> None:
-        """Raises InputError if the network has diverged; called before it is saved or published."""
-        self._check_loss()
-        if not self.losses.is_finite():  # the next loss would show it, but too late
-            raise self._diverged(f"weights became non-finite by update {self.phases.updates}")
-
-    def _check_loss(self) -> None:
-        if self.losses.have_diverged():
-            raise self._diverged(f"the loss became non-finite at update {self.losses.diverged_at}")
-
-    def _diverged(self, how: str) -> InputError:
-        return InputError(
-            f"{how}: start another run with a smaller --learning.learning-rate, from this one's "
-            f"last good network by --initial {self.checkpoint.path}."
-        )
 
     # ------------------------------------------------------------------ phases, tests, health
 
@@ -283,7 +255,7 @@ class Learner:
         row, test = self.phases.close(self._replay_progress.stored, meanq)
         self._insist(lambda: self.telemetry.add(row))
         if row.epoch:
-            self._check_network()
+            self.losses.check_weights(self.phases.updates)
             weights = encode_weights(self.algorithm.published, self.config)
             self._insist(lambda: self.evaluation.add(test, weights))
         self._checkpoint()
@@ -311,7 +283,7 @@ class Learner:
             "learning/mean_max_q": mean,
             "learning/held_out_std": deviation,
             "learning/recent_max_q_std": self.held_out.recent_std,
-            "stream/weights_version": self._published,
+            "stream/weights_version": self.broadcast.version,
             "evaluation/steps_left": self.evaluation.steps_left,
         }
 

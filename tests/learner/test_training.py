@@ -8,6 +8,7 @@ import threading
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import partial
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -24,6 +25,7 @@ from common.protocol.wire import decode_version
 from common.run.config import RunConfig
 from common.run.presets import PRESETS
 from learner.algorithm.interface import Update
+from learner.broadcast import Broadcast
 from learner.clock import RunClock
 from learner.health_guard import HealthGuard
 from learner.loss_guard import LossGuard
@@ -272,13 +274,17 @@ class World:
             ),
             "checkpoint": SimpleNamespace(path="FILE", save=self.save, check_room=self.check_room),
         }
-        parts["losses"] = LossGuard(parts["algorithm"], parts["replay"], self.said.append)
+        algorithm = parts["algorithm"]
+        parts["losses"] = LossGuard(algorithm, parts["replay"], Path("FILE"), self.said.append)
         return Learner(
             config=self.config,
             steps_goal=steps_goal,
             draw=self.draw,  # type: ignore[arg-type]
-            broadcast=self.broadcast,
-            sign=lambda *told: repr(told[:3]).encode(),
+            broadcast=Broadcast(
+                *(algorithm, "id", self.broadcast),
+                sign=lambda *told: repr(told[:3]).encode(),
+                now=clock.now,
+            ),
             phases=Phases(self.config, clock),
             guard=HealthGuard(
                 *(5.0, stall_minutes, 4), force=force, warn=self.said.append, now=lambda: self.now
