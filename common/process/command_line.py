@@ -11,7 +11,9 @@ import inspect
 import io
 import json
 import re
+import shutil
 import sys
+import textwrap
 import tomllib
 from collections.abc import Callable, Sequence
 from itertools import chain, dropwhile, takewhile
@@ -55,14 +57,29 @@ ALL_RANGES = "--randomise.all"
 T = TypeVar("T")
 
 
+class _Wrapped(str):
+    """A text whose lines are as they should be."""
+
+
 def _joined_lines(helptext: str) -> str:
     """Returns each paragraph of ``helptext`` as one line, for tyro to wrap. An indented line, as of
     a table, stays a line."""
+    if isinstance(helptext, _Wrapped):
+        return helptext
     return re.sub(r"(?<!\n)\n(?![\n ])", " ", inspect.cleandoc(helptext))
 
 
 # tyro's own function keeps the line breaks of a field's docstring, because its lines are indented.
 _strings.remove_single_line_breaks = _joined_lines
+
+
+def _wrapped(text: str) -> _Wrapped:
+    """Returns a program's description, which tyro does not wrap, in lines that fit the terminal."""
+    columns = shutil.get_terminal_size().columns
+    lines = _joined_lines(text).splitlines()
+    return _Wrapped(
+        "\n".join(line if line[:1] == " " else textwrap.fill(line, columns) for line in lines)
+    )
 
 
 def preset_of(arguments: Sequence[str]) -> RunConfig:
@@ -161,8 +178,8 @@ def parse(kind: type[T], program: str, arguments: Sequence[str], **defaults: Any
     with contextlib.redirect_stderr(io.StringIO()) as told:
         try:
             # A union of commands has no docstring but Python's own.
-            does = _joined_lines(kind.__doc__ or "") if isinstance(kind, type) else ""
-            about = f"{does}\n\nExit codes:\n\n{table()}"
+            does = (kind.__doc__ or "") if isinstance(kind, type) else ""
+            about = _wrapped(f"{inspect.cleandoc(does)}\n\nExit codes:\n\n{table()}")
             parsed: T = tyro.cli(
                 kind, prog=command, description=about, args=list(arguments), **given
             )

@@ -221,8 +221,8 @@ def test_a_card_without_an_evaluation_or_with_one_of_a_former_version_is_listed(
     monkeypatch.setattr("viewer.policies.SHIPPED", tmp_path)
     assert not run(monkeypatch, "policies")
     said = capsys.readouterr().out
-    assert re.search(r"former +pong \(ale\) +frames +12\.50", said)
-    assert re.search(r"stopped +pong \(ale\) +frames *\n", said)
+    assert re.search(r"former +pong +ale +frames +12\.50", said)
+    assert re.search(r"stopped +pong +ale +frames *\n", said)
 
 
 @pytest.mark.parametrize(

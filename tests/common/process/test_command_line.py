@@ -214,6 +214,26 @@ def test_the_lines_of_a_help_text_are_joined(
     assert lines[at + 1 : at + 3] == ["", "Another paragraph. (default: 1)"]
 
 
+@pytest.mark.parametrize("columns", ["40", "80"])
+def test_the_description_fits_the_terminal(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, columns: str
+) -> None:
+    @dataclass(frozen=True)
+    class Described:
+        """First.
+
+        A paragraph that is longer than a line, of forty columns or of eighty, and
+        that stands on two lines in the code.
+        """
+
+    monkeypatch.setenv("COLUMNS", columns)
+    with pytest.raises(SystemExit):
+        parse(Described, "program", ["--help"])
+    described = capsys.readouterr().out.partition("First.\n\n")[2].partition("\n\nExit")[0]
+    assert described.split() == str(Described.__doc__).split()[1:]
+    assert max(map(len, described.splitlines())) in range(int(columns) - 10, int(columns) + 1)
+
+
 def test_each_exit_code_is_a_line_of_the_help_text(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
         parse(Bounded, "program", ["--help"])
