@@ -9,8 +9,8 @@ from difflib import get_close_matches
 from pathlib import Path
 
 from common.process.exit_codes import BAD_INPUT, FAILED, INTERRUPTED, NO_ROOM, UNREACHABLE
-from common.process.log_lines import say_aside
-from common.process.output import escape, has_reader, open_closed, silence, widen
+from common.process.log_lines import log_visibly, say_aside
+from common.process.output import escape, has_reader, open_closed, silence, visible, widen
 
 NO_ROOM_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EROFS)
 """Errors of a disk that is full or read-only, which may pass."""
@@ -70,6 +70,7 @@ def exit_on_input_error(main: Callable[[], int | None]) -> None:
     open_closed()
     escape(sys.stdout)
     widen()
+    log_visibly()
     try:
         try:
             status = main()
@@ -77,7 +78,7 @@ def exit_on_input_error(main: Callable[[], int | None]) -> None:
             status = end.code
         sys.stdout.flush()
     except InputError as error:
-        say_aside(f"error: {error}", "error")
+        say_aside(f"error: {visible(str(error))}", "error")
         status = error.exit_code
     except OSError as error:
         if isinstance(error, BrokenPipeError) and not has_reader(sys.stdout):

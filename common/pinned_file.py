@@ -42,6 +42,8 @@ def read(name: str) -> bytes:
     path, (_, _, wanted) = path_of(name), name.partition(_MARK)
     try:
         content = read_file(path, MAX_BYTES + 1)
+    except ValueError as error:
+        raise InputError(f"{path} cannot be read ({error}): name another file.") from None
     except OSError as error:
         advice = "copy it there from where the run began" if wanted else "name a file that is there"
         raise InputError(f"{path} cannot be read ({error.strerror}): {advice}.") from None

@@ -16,7 +16,7 @@ process of a run finds (CONTRIBUTING.md)::
 import pkgutil
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from importlib.metadata import entry_points
+from importlib.metadata import EntryPoint, entry_points
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from common.actions import KEYS_OF_ACTION
@@ -118,10 +118,11 @@ class Registry(Generic[T]):
         self._entries[entry.name] = entry
 
     def find(self, name: str) -> T:
-        """Returns the entry called ``name``. Raises InputError if there is none."""
+        """Returns the entry called ``name``. Raises InputError if there is none, or if the package
+        that has it cannot be loaded."""
         if name not in self._entries:
             for point in entry_points(group=self._group, name=name):
-                self.add(point.load())
+                self.add(self._load(point))
         key = name if name in self._entries else f"FILE{path_of(name).suffix}"
         if key not in self._entries:
             hint = choice(name, self.names)
@@ -129,6 +130,18 @@ class Registry(Generic[T]):
                 hint = f"{hint[:-1]}, or install the package that has it."
             raise InputError(f"there is no {self._noun} {name!r}: {hint}")
         return self._entries[key]
+
+    def _load(self, point: EntryPoint) -> T:
+        what = f"the {self._noun} {point.name!r} of an installed package, {point.value},"
+        try:
+            entry: T = point.load()
+        except Exception as error:  # of any kind, as the package is not ours
+            raise InputError(
+                f"{what} cannot be loaded ({error!r}): mend the package, or uninstall it."
+            ) from error
+        if getattr(entry, "name", None) != point.name:
+            raise InputError(f"{what} is not an entry of that name: mend the package.")
+        return entry
 
     def make(self, name: str, *arguments: Any, **named: Any) -> Any:
         """Returns what the factory of ``name`` makes of the other arguments. Raises InputError if

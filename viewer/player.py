@@ -15,6 +15,7 @@ from actors.envs import make_env
 from actors.envs.game_env import GameEnv
 from actors.policy import Policy
 from common.errors import InputError
+from common.pinned_file import path_of
 from common.registry import ENVIRONMENTS
 from common.run.clock import ClockConfig
 from common.run.config import MAX_SEED, RunConfig
@@ -68,8 +69,13 @@ class Played:
         if config is None:
             config = PRESETS[ENVIRONMENTS.find(self.env or RunConfig.env).preset]
             config = replace(config, play=replace(config.play, minimal_actions=False))
+        another_env = self.env not in (None, config.env)
+        another_robot = another_env or self.robot not in (None, str(path_of(config.play.robot)))
         play = replace(
             config.play,
+            # Other things do not know the settings that its own declared.
+            env_settings="" if another_env else config.play.env_settings,
+            robot_settings="" if another_robot else config.play.robot_settings,
             minimal_actions=self.minimal_actions or config.play.minimal_actions,
             robot=self.robot or config.play.robot,
         )

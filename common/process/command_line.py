@@ -263,17 +263,20 @@ def with_file(arguments: Sequence[str]) -> list[str]:
     try:
         text = read_file(known.config).decode()
         told = json.loads(text) if known.config.suffix == ".json" else tomllib.loads(text)
+        if known.config.suffix == ".json":
+            stored = told.get("config", told) if isinstance(told, dict) else told
+            told = dataclasses.asdict(from_mapping(RunConfig, stored, str(known.config), fill=True))
+        given = (flag_of(name, value) for name, value in settings(told) if value is not None)
+        flags = list(chain.from_iterable(given))
     except OSError as error:
         raise InputError(f"--config {known.config} cannot be read: {error.strerror}.") from None
     except (ValueError, RecursionError) as error:
         raise InputError(f"--config {known.config} cannot be read: {error}.") from None
-    if known.config.suffix == ".json":
-        stored = told.get("config", told) if isinstance(told, dict) else told
-        told = dataclasses.asdict(from_mapping(RunConfig, stored, str(known.config), fill=True))
-    elif "config" in told:
+    if "config" in told:
         raise InputError(f"{known.config} names another file of settings: remove config from it.")
-    flags = (flag_of(name, value) for name, value in settings(told) if value is not None)
-    return [*chain.from_iterable(flags), *rest]
+    if any("\0" in flag for flag in flags):
+        raise InputError(f"--config {known.config} holds a NUL character: remove it.")
+    return [*flags, *rest]
 
 
 def check_bounds(options: Any) -> None:

@@ -13,7 +13,7 @@ from logging.handlers import RotatingFileHandler
 from pathlib import Path
 from typing import Any, TextIO
 
-from common.process.output import silence
+from common.process.output import silence, visible
 from common.regular_file import no_links
 from common.strict_json import strict
 
@@ -33,6 +33,13 @@ def say_json(role: str) -> None:
     handler = logging.StreamHandler()
     handler.setFormatter(_Formatter(role))
     logging.basicConfig(handlers=[handler], force=True)
+
+
+def log_visibly() -> None:
+    """Escapes control characters in what is logged to the terminal from now on. Names and keys that
+    strangers chose are in some lines."""
+    if logging.lastResort is not None:
+        logging.lastResort.setFormatter(_Visible())
 
 
 def line(
@@ -79,6 +86,11 @@ def as_json(role: str, text: str, level: str, values: Mapping[str, Any] | None =
     if values is not None:
         told["values"] = strict(dict(values))
     return json.dumps(told, ensure_ascii=True, allow_nan=False)
+
+
+class _Visible(logging.Formatter):
+    def format(self, record: logging.LogRecord) -> str:
+        return visible(super().format(record))
 
 
 class _Formatter(logging.Formatter):

@@ -53,6 +53,12 @@ def escape(stream: TextIO) -> None:
         stream.reconfigure(errors="backslashreplace")
 
 
+def visible(text: str) -> str:
+    """Returns ``text`` with its control characters escaped, except ends of lines and tabs: a
+    stranger's text would otherwise command the terminal."""
+    return "".join(c if c.isprintable() or c in "\n\t" else ascii(c)[1:-1] for c in text)
+
+
 def widen() -> None:
     """Assume a usual width if the terminal reports next to no columns. With three columns a help
     text never ends, and with none a table is empty."""

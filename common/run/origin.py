@@ -1,6 +1,7 @@
 """Finds networks on disk, and the settings of their training."""
 
 import json
+import shlex
 from collections.abc import Callable
 from contextlib import suppress
 from operator import attrgetter
@@ -114,15 +115,19 @@ VECTOR_SETTINGS = (
     "play.vector_forecast",
 )
 """Settings of the contents of the vector observation, without the robot's number of joints."""
-_VECTOR = ("play.robot", *VECTOR_SETTINGS)
+_VECTOR = ("play.robot", *VECTOR_SETTINGS, "play.env_settings")
 _SHAPING: tuple[tuple[str, Callable[[RunConfig], Any], tuple[str, ...]], ...] = (
-    ("{} actions", lambda config: config.action_count, ("game", "play.minimal_actions")),
+    (
+        "{} actions",
+        lambda config: config.action_count,
+        ("game", "play.minimal_actions", "play.env_settings"),
+    ),
     ("{} numbers of proprioception", lambda config: config.vector_width, _VECTOR),
     ("{} frames per state", lambda config: config.play.frame_stack, ("play.frame_stack",)),
     (
         "{} outputs per action",
         lambda config: ALGORITHMS.find(config.learning.algorithm).atoms(config.learning),
-        ("learning.algorithm", "learning.quantiles"),
+        ("learning.algorithm", "learning.algorithm_settings", "learning.quantiles"),
     ),
     (
         "layers of {}",
@@ -181,7 +186,7 @@ def check_fit(
         raise InputError(
             f"{weights}, which plays {trained.game} ({trained.env}), was trained with "
             f"{', '.join(needs)}, and here it would have {', '.join(has)}: add "
-            f"{' '.join(flags)}{other}."
+            f"{' '.join(dict.fromkeys(flags))}{other}."
         )
 
 
@@ -189,8 +194,8 @@ def _flag(setting: str, config: RunConfig) -> str:
     """Returns the flag that gives ``setting`` its value in ``config``."""
     value = attrgetter(setting)(config)
     if setting == "play.robot":
-        return f"--robot {path_of(value)}"
-    return " ".join(flag_of(setting, value))
+        return f"--robot {shlex.quote(str(path_of(value)))}"
+    return shlex.join(flag_of(setting, value))
 
 
 def run_of(weights: Path) -> RunFolder | None:

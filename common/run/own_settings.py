@@ -7,7 +7,8 @@ They are a frozen dataclass, with bounds beside its fields and a default for eac
 
 import json
 import shlex
-from dataclasses import fields
+from contextlib import suppress
+from dataclasses import MISSING, fields
 from typing import TYPE_CHECKING, Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 
 from common.errors import InputError, choice
@@ -21,7 +22,8 @@ T = TypeVar("T")
 
 def own_settings(kind: type[T], text: str, where: str = "settings") -> T:
     """Returns the ``kind`` that ``text`` describes; what it does not name has its default. Raises
-    InputError if a setting is unknown, not of its type, or out of bounds.
+    InputError if a setting is unknown, given twice, not of its type, or out of bounds; or if one
+    without a default is not named.
 
     Args:
         text: pairs of name and value, with ``=`` between them, separated by blanks. A value with
@@ -29,17 +31,18 @@ def own_settings(kind: type[T], text: str, where: str = "settings") -> T:
         where: names the text in errors.
     """
     hints = get_type_hints(kind)
-    values: dict[str, Any] = {}
-    for field in fields(kind):  # type: ignore[arg-type]
-        values[field.name] = field.default
+    known = sorted(field.name for field in fields(kind))  # type: ignore[arg-type]
+    given: dict[str, Any] = {}
     for pair in _pairs(text, where):
         name, equals, value = pair.partition("=")
         if not equals:
             raise InputError(f"{where} has {pair!r}: write name=value.")
-        if name not in values:
-            raise InputError(f"{where} has no {name!r}: {choice(name, sorted(values))}")
-        values[name] = _value(hints[name], value)
-    return from_mapping(kind, values, where)
+        if name not in known:
+            raise InputError(f"{where} has no {name!r}: {choice(name, known)}")
+        if name in given:
+            raise InputError(f"{where} has {name} twice: omit one of them.")
+        given[name] = _value(hints[name], value)
+    return from_mapping(kind, _defaults(kind) | given, where)
 
 
 def check_own_settings(entry: "Entry", text: str, where: str) -> None:
@@ -55,14 +58,28 @@ def _pairs(text: str, where: str) -> list[str]:
     try:
         return shlex.split(text)
     except ValueError:
-        raise InputError(f"{where} is {text!r}: a quotation mark is missing.") from None
+        raise InputError(
+            f"{where} is {text!r}: a quotation mark, or what follows a backslash, is missing."
+        ) from None
+
+
+def _defaults(kind: Any) -> dict[str, Any]:
+    """Returns the defaults of the fields that have one."""
+    found: dict[str, Any] = {}
+    for field in fields(kind):
+        if field.default is not MISSING:
+            found[field.name] = field.default
+        elif field.default_factory is not MISSING:
+            found[field.name] = field.default_factory()
+    return found
 
 
 def _value(hint: Any, text: str) -> Any:
     """Returns the value that ``text`` stands for, for the declaration to check."""
     if hint is str or (get_origin(hint) is Literal and isinstance(get_args(hint)[0], str)):
         return text
-    try:
-        return json.loads(text)
-    except ValueError:
-        return text
+    # Python writes numbers in more ways, such as .5 and inf, and so does every other flag.
+    for read in (json.loads, float) if hint is float else (json.loads,):
+        with suppress(ValueError, RecursionError):
+            return read(text)
+    return text

@@ -3,6 +3,7 @@ compared."""
 
 import dataclasses
 import json
+import reprlib
 from collections.abc import Iterator, Mapping
 from typing import Any, TypeVar
 
@@ -66,11 +67,13 @@ def settings(table: Mapping[str, Any], group: str = "") -> Iterator[tuple[str, A
 
 
 def flag_of(setting: str, value: Any) -> list[str]:
-    """Returns the flag that gives a ``setting``, such as ``learning.n_step``, its ``value``."""
+    """Returns the flag that gives a ``setting``, such as ``learning.n_step``, its ``value``: in one
+    word if the value begins like a flag."""
     group, dot, name = setting.replace("_", "-").rpartition(".")
     if isinstance(value, bool):
         return [f"--{group}{dot}{'' if value else 'no-'}{name}"]
-    return [f"--{group}{dot}{name}", str(value)]
+    words = [f"--{group}{dot}{name}", str(value)]
+    return ["=".join(words)] if words[1].startswith("-") else words
 
 
 def from_mapping(kind: type[T], data: Any, where: str = "config", *, fill: bool = False) -> T:
@@ -105,7 +108,9 @@ def _with_present_fields(data: Any, where: str) -> Any:
         group, name = gone.split(".")
         fields = named.get(group)
         if isinstance(fields, dict) and (value := fields.pop(name, usual)) != usual:
-            raise Invalid(f"{where}.{gone} is {value}, and is gone: use the version that had it")
+            raise Invalid(
+                f"{where}.{gone} is {reprlib.repr(value)}, and is gone: use the version that had it"
+            )
     return named
 
 

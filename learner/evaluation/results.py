@@ -6,6 +6,7 @@ from dataclasses import asdict
 from itertools import chain
 from typing import Any
 
+from rich.markup import escape
 from rich.table import Table
 
 from common.press_latency import KeyLatency
@@ -59,7 +60,7 @@ def summarise(games: Sequence[Mapping[str, Any]], clock: ClockConfig) -> dict[st
 def table(content: Mapping[str, Any]) -> Table:
     """Returns the table for people: a line for each figure, a column for each measurement."""
     rows = content.get("rows", [content])
-    shown = Table(title=content["weights"], title_justify="left", show_header=False)
+    shown = Table(title=escape(content["weights"]), title_justify="left", show_header=False)
     trained = [row["changed"] for row in rows]
     # Only the conditions of its training, such as sticky actions; the others are listed above.
     usual = [
@@ -68,7 +69,8 @@ def table(content: Mapping[str, Any]) -> Table:
     ]
     for name, columns in (("other than trained", trained), ("other than the preset", usual)):
         for change in dict.fromkeys(chain.from_iterable(columns)):
-            shown.add_row(name, *(change if change in column else "" for column in columns))
+            cell = escape(change)  # the texts of settings may hold brackets
+            shown.add_row(name, *(cell if change in column else "" for column in columns))
     for name, cell_of in _LINES:
         cells = [cell_of(row) for row in rows]
         if any(cells):

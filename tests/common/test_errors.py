@@ -1,6 +1,7 @@
 """How a program ends: by its own status, or with one line for the user."""
 
 import errno
+import logging
 import os
 import subprocess
 import sys
@@ -27,6 +28,25 @@ def test_an_input_error_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
         exit_on_input_error(main)
     assert caught.value.code == 2
     assert capsys.readouterr() == ("", "error: the port is taken: choose another.\n")
+
+
+def test_a_strangers_text_does_not_command_the_terminal(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As in a card's settings, or in the key of a request."""
+    root = logging.getLogger()
+    monkeypatch.setattr(root, "handlers", [])  # pytest's; without any, Python logs to the terminal
+
+    def main() -> int:
+        logging.getLogger("x").warning("a request at %s", "ε/\x1b[2J\x9b2J")
+        raise InputError("there is no \x1b]0;owned\x07\u202e.\n\tε − 1")
+
+    with pytest.raises(SystemExit):
+        exit_on_input_error(main)
+    assert capsys.readouterr().err == (
+        r"a request at ε/\x1b[2J\x9b2J" + "\n"
+        r"error: there is no \x1b]0;owned\x07\u202e." + "\n\tε − 1\n"
+    )
 
 
 @pytest.mark.parametrize(

@@ -56,6 +56,8 @@ def test_a_file_that_is_not_there(file: Path, tmp_path: Path) -> None:
         pin(str(file))
     with pytest.raises(InputError, match=r"cannot be read \(Is a directory\)"):
         read(str(tmp_path))
+    with pytest.raises(InputError, match=r"cannot be read \(embedded null .*\): name another"):
+        read("a\0.npz")
 
 
 def test_a_file_that_is_too_large(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:

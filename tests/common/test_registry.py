@@ -122,6 +122,39 @@ def test_an_installed_package_brings_its_own(
     monkeypatch.delitem(sys.modules, "my_catch")
 
 
+@pytest.mark.parametrize(
+    ("code", "words"),
+    [
+        (
+            "import nowhere_at_all\n",
+            r"be loaded \(ModuleNotFoundError\(.*\)\): mend the package, or",
+        ),
+        ("BAD = 1 / 0\n", r"cannot be loaded \(ZeroDivisionError\(.*\)\): mend"),
+        ("", r"cannot be loaded \(AttributeError\(.*\)\): mend"),
+        ("BAD = 5\n", r"is not an entry of that name: mend the package"),
+        (
+            "from common.registry import Environment\nBAD = Environment('good', 'm:f', len)\n",
+            r"is not an entry of that name: mend the package",
+        ),
+    ],
+)
+def test_a_package_that_cannot_be_loaded_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, code: str, words: str
+) -> None:
+    (tmp_path / "my_bad.py").write_text(code)
+    metadata = tmp_path / "my_bad-1.0.dist-info"
+    metadata.mkdir()
+    (metadata / "METADATA").write_text("Name: my-bad\nVersion: 1.0\n")
+    (metadata / "entry_points.txt").write_text("[ale_robot.environments]\nbad = my_bad:BAD\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    registry = Registry[Environment]("environment")
+    with pytest.raises(InputError, match=rf"^the environment 'bad' .* my_bad:BAD, .*{words}"):
+        registry.find("bad")
+    with pytest.raises(InputError):  # the second time too
+        registry.find("bad")
+    sys.modules.pop("my_bad", None)
+
+
 @pytest.mark.parametrize("package", ["replay", "learner"])
 def test_replay_and_learner_load_neither_actors_nor_an_emulator(package: str) -> None:
     program = (

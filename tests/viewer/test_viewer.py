@@ -3,7 +3,7 @@
 import re
 import sys
 import threading
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
@@ -18,12 +18,14 @@ from common.errors import InputError
 from common.network import build_network
 from common.process.command_line import parse
 from common.protocol.weights import encode_weights
+from common.registry import ENVIRONMENTS, ROBOTS, Environment, RobotKind
 from common.run.clock import ClockConfig
 from common.run.conditions import PlayConfig, RandomiseConfig
 from common.run.config import RunConfig
 from common.run.presets import PRESETS
 from common.run.stored_config import to_json
 from tests.actors.robots.latency_model.models import delay, saved
+from tests.extending.whole_run import added
 from tests.viewer.commands import command
 from tests.viewer.rrd import recorded
 from viewer.__main__ import COMMANDS, main
@@ -100,6 +102,30 @@ def test_what_is_played_comes_from_the_run_of_the_weights(tmp_path: Path) -> Non
     assert Played(robot="a.npz").config(weights).play == replace(ran.play, robot="a.npz")
     with pytest.raises(InputError, match="there is no robot 'atlas'"):
         Played(robot="atlas").config()
+
+
+@dataclass(frozen=True)
+class Reach:
+    reach: float = 0.4
+
+
+def test_another_robot_is_watched_without_the_settings_of_the_former(tmp_path: Path) -> None:
+    nao = ROBOTS.find("nao")
+    tall = RobotKind("tall", nao.factory, joints=nao.joints, settings=Reach)
+    world = Environment(
+        "world", "nowhere:world", lambda config: 4, lambda play: 0, robot=True, settings=Reach
+    )
+    play = PRESETS["fast"].play
+    play = replace(play, robot="tall", robot_settings="reach=1", env_settings="reach=2")
+    ran = replace(PRESETS["fast"], env="world", game="breakout", play=play)
+    with added(ROBOTS, tall), added(ENVIRONMENTS, world):
+        weights = in_run(tmp_path, ran, 4)
+        assert Played().config(weights).play == play
+        assert Played("world", robot="tall").config(weights).play == play
+        found = Played(robot="nao").config(weights).play
+        assert found == replace(play, robot="nao", robot_settings="")
+        found = Played("ale").config(weights).play
+        assert found == replace(play, robot_settings="", env_settings="")
 
 
 def test_weights_that_do_not_fit(tmp_path: Path) -> None:

@@ -387,6 +387,11 @@ def test_settings_of_a_stored_run_or_a_card_are_taken_whole(tmp_path: Path) -> N
     card = tmp_path / "card.json"
     card.write_text(f'{{"run": "r", "config": {to_json(stored)}}}')
     assert parsed("--config", str(card)).config == stored
+    for text in ("--version", "--config=x", "two words"):
+        own = replace(stored, learning=replace(stored.learning, algorithm_settings=text))
+        file.write_text(to_json(own))
+        with pytest.raises(InputError, match=f"algorithm_settings is '{text}', but dqn has no"):
+            parsed("--config", str(file))
 
 
 @pytest.mark.parametrize(
@@ -395,7 +400,12 @@ def test_settings_of_a_stored_run_or_a_card_are_taken_whole(tmp_path: Path) -> N
         ("run.toml", "seed = ", r"run\.toml cannot be read: "),
         ("run.toml", "config = 'b.toml'", "remove config from it"),
         ("run.toml", "sede = 3", "there is no flag --sede: did you mean"),
+        ("run.toml", "seed = 0x" + "F" * 5_000, r"run\.toml cannot be read: Exceeds"),
+        ("run.toml", f"[{'a.' * 50_000}a]\nb = 1", r"cannot be read: maximum recursion"),
+        ("run.toml", "x = " + "[" * 50_000, r"cannot be read: maximum recursion"),
+        ("run.toml", r'runs = "\u0000"', "holds a NUL character: remove it"),
         ("config.json", "[]", "should be a table"),
+        ("config.json", "[" * 100_000, r"cannot be read: maximum recursion"),
         ("none.toml", None, r"none\.toml cannot be read: No such file or directory\.$"),
     ],
 )

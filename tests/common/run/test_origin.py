@@ -1,6 +1,6 @@
 """What a network on disk needs of the settings under which it is used."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -10,10 +10,13 @@ from safetensors.torch import save
 from common.errors import InputError
 from common.network import build_network
 from common.protocol.weights import encode_weights
+from common.registry import ALGORITHMS, ENVIRONMENTS, AlgorithmKind, Environment
 from common.run.config import RunConfig
 from common.run.origin import check_fit, origin_of
+from common.run.own_settings import own_settings
 from common.run.presets import PRESETS
 from common.run.stored_config import to_json
+from tests.extending.whole_run import added
 
 TRAINED = replace(PRESETS["robot"], play=replace(PRESETS["robot"].play, vector=True))
 FILE = Path("p.safetensors")
@@ -75,6 +78,52 @@ def test_all_that_does_not_fit_is_told_at_once() -> None:
     )
     with pytest.raises(InputError, match=words):
         check_fit(FILE, TRAINED, replace(changed("play.vector", False), learning=raw))
+
+
+@dataclass(frozen=True)
+class Sized:
+    size: int = 3
+    name: str = ""
+
+
+def test_settings_that_an_extension_declares_shape_its_network_too() -> None:
+    def size(text: str) -> int:
+        return own_settings(Sized, text).size
+
+    env = Environment(
+        "sized",
+        "nowhere:sized",
+        lambda config: size(config.play.env_settings),
+        lambda play: size(play.env_settings),
+        settings=Sized,
+    )
+    algorithm = AlgorithmKind(
+        "deep",
+        "nowhere:deep",
+        atoms=lambda learning: size(learning.algorithm_settings),
+        settings=Sized,
+    )
+    trained = replace(
+        TRAINED,
+        env="sized",
+        play=replace(TRAINED.play, env_settings="size=5 name='a b'"),
+        learning=replace(TRAINED.learning, algorithm="deep", algorithm_settings="size=5"),
+    )
+    other = replace(
+        trained,
+        play=replace(trained.play, env_settings=""),
+        learning=replace(trained.learning, algorithm_settings="size=2"),
+    )
+    words = (
+        r"with 5 actions, 5 numbers of proprioception, 5 outputs per action, and here it would "
+        r"have 3 actions, 3 numbers of proprioception, 2 outputs per action: add "
+        r"--play\.env-settings 'size=5 name='\"'\"'a b'\"'\"'' "
+        r"--learning\.algorithm-settings size=5\.$"
+    )
+    with added(ENVIRONMENTS, env), added(ALGORITHMS, algorithm):
+        check_fit(FILE, trained, trained)
+        with pytest.raises(InputError, match=words):
+            check_fit(FILE, trained, other)
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,8 @@
 """Settings that an extension declares for itself, as one text."""
 
+import math
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Annotated, Literal
 
 import pytest
@@ -9,7 +10,7 @@ from annotated_types import Ge, Le
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.checked import Amount
+from common.checked import Amount, Patience, Values
 from common.errors import InputError
 from common.registry import ALGORITHMS, ROBOTS, AlgorithmKind
 from common.run.conditions import PlayConfig
@@ -39,6 +40,28 @@ def test_a_text_stays_a_text() -> None:
     assert own_settings(Kind, "name=a=b").name == "a=b"
 
 
+@dataclass(frozen=True)
+class Other:
+    size: int
+    patience: Patience = 1.0
+    layers: Values[int] = field(default_factory=lambda: (1, 2))
+
+
+def test_a_number_is_written_as_in_other_flags() -> None:
+    assert own_settings(Kind, "kappa=.5") == own_settings(Kind, "kappa=+5e-1") == Kind(kappa=0.5)
+    assert own_settings(Other, "size=1 patience=inf") == Other(1, patience=math.inf)
+
+
+def test_a_setting_may_be_a_list_and_have_no_default() -> None:
+    assert own_settings(Other, "size=1") == Other(1)
+    assert own_settings(Other, "layers=[3] size=1") == Other(1, layers=(3,))
+    with pytest.raises(InputError, match=r"^s has a missing or unknown field: size\.$"):
+        own_settings(Other, "", "s")
+
+
+UNFINISHED = "a quotation mark, or what follows a backslash, is missing."
+
+
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
@@ -51,7 +74,17 @@ def test_a_text_stays_a_text() -> None:
         ("mode=min", "s.mode is 'min': choose 'max' or 'mean'."),
         ("kapa=1", "s has no 'kapa': did you mean kappa?"),
         ("depth", "s has 'depth': write name=value."),
-        ("name='a", 's is "name=\'a": a quotation mark is missing.'),
+        ("depth=1 depth=1", "s has depth twice: omit one of them."),
+        ("kappa=1e999", "s.kappa is inf: choose a finite number."),
+        ("depth=1\0", r"s.depth is '1\x00', which is not a whole number."),
+        ("depth=\x1b", r"s.depth is '\x1b', which is not a whole number."),
+        ('name="\ud800"', r"s.name is '\ud800', which is not what it should be."),
+        (
+            f"depth={'[' * 10**5}",
+            f"s.depth is '{'[' * 12}...{'[' * 13}', which is not a whole number.",
+        ),
+        ("name='a", f's is "name=\'a": {UNFINISHED}'),
+        ("name=a\\", rf"s is 'name=a\\': {UNFINISHED}"),
     ],
 )
 def test_what_is_wrong_is_told(text: str, sentence: str) -> None:

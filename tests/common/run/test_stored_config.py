@@ -19,7 +19,14 @@ from common.run.conditions import (
 )
 from common.run.config import MAX_WINDOW, LearningConfig, RunConfig, StreamConfig
 from common.run.presets import PRESETS
-from common.run.stored_config import REMOVED, RENAMED, differences, from_mapping, to_json
+from common.run.stored_config import (
+    REMOVED,
+    RENAMED,
+    differences,
+    flag_of,
+    from_mapping,
+    to_json,
+)
 
 GOOD = PRESETS["fast"]
 
@@ -101,6 +108,19 @@ def test_a_file_may_have_fields_that_are_gone_where_they_did_nothing() -> None:
     data["learning"]["dueling"] = True
     with pytest.raises(InputError, match=r"^run\.learning\.dueling is True, and is gone: "):
         from_mapping(RunConfig, data, "run", fill=True)
+
+
+def test_a_field_that_is_gone_is_told_in_short_whatever_it_was() -> None:
+    data = mapping()
+    data["play"]["delay"] = "\x1b[2J" * 1_000
+    with pytest.raises(InputError, match=r"^run\.play\.delay is '\\x1b\[2J.{,30}', and is gone: "):
+        from_mapping(RunConfig, data, "run", fill=True)
+
+
+def test_a_value_that_begins_like_a_flag_stays_with_its_own() -> None:
+    assert flag_of("learning.n_step", 3) == ["--learning.n-step", "3"]
+    assert flag_of("camera.yaw", -5.0) == ["--camera.yaw=-5.0"]
+    assert flag_of("play.vector", False) == ["--play.no-vector"]
 
 
 def test_a_field_under_both_of_its_names_is_refused() -> None:

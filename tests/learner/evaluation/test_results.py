@@ -166,6 +166,14 @@ def test_a_headline_has_a_column_for_each_measure() -> None:
     ]
 
 
+def test_brackets_in_a_path_or_a_setting_are_shown_as_they_are() -> None:
+    change = "play.env_settings  → layers=[a] x=[/b]"
+    content = summarise([game({3: 1})], SYNC) | ABOUT | {"weights": "[/w].st", "changed": [change]}
+    shown = printed(table(content))
+    assert shown.startswith("[/w].st")
+    assert row(shown, "other than trained") == change
+
+
 def test_each_game_tells_what_its_own_hands_took() -> None:
     config = replace(PRESETS["robot"], play=LATE_KEYS)
     options = GamesOptions(
