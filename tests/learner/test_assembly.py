@@ -18,10 +18,10 @@ from safetensors import safe_open
 from common.errors import InputError
 from common.network import build_network
 from common.protocol.run_keys import RunKeys
+from common.protocol.wire import decode_version
 from common.run.folder import RunFolder
 from common.run.origin import origin_of
 from common.transport.interface import Transport
-from common.transport.signature import unsigned
 from learner.algorithm.interface import build_algorithm
 from learner.assembly import build_learner
 from learner.device import Device
@@ -44,6 +44,7 @@ CONFIG = replace(
     learning=replace(_SMALL.learning, train_period=8, publish_period=2),
 )
 PAGE = "http://127.0.0.1:8080/"
+SIGNATURE = b"signature"
 
 
 class Seen(Sink):
@@ -98,7 +99,7 @@ def place(runs: Path, actor: Actor, *, resume: bool, steps_goal: int | None) -> 
             PlainDisplay(io.StringIO()),
             threading.Event(),
             seen := Seen(),
-            sign=unsigned,
+            sign=lambda *told: SIGNATURE,
             page=PAGE,
         )
         yield Place(learner, buffer, folder, client, actor, np.random.default_rng(1), seen)
@@ -107,19 +108,22 @@ def place(runs: Path, actor: Actor, *, resume: bool, steps_goal: int | None) -> 
 def test_a_run_is_learned_stopped_and_continued(tmp_path: Path) -> None:
     actor = Actor("a", CONFIG.play.frame_stack)
     with place(tmp_path, actor, resume=False, steps_goal=None) as run:
-        versions: list[int] = []
+        sent: list[tuple[int, bytes]] = []
         run.client.subscribe(
-            RunKeys(RUN).weights, lambda told: versions.append(int(told.attachment.split()[0]))
+            RunKeys(RUN).weights,
+            lambda told: sent.append(decode_version(told.attachment, run.buffer.run_id)),
         )
         run.play(5)
+        assert run.learner.losses.checkpoint == run.folder.checkpoint
         run.learner.start()
         thread = threading.Thread(target=run.learner.run)
         thread.start()
         run.play(12)
         wait_until(lambda: (run.folder.snapshots / "epoch-0001.safetensors").exists(), "an epoch")
-        wait_until(lambda: versions and versions[-1] >= 10, "weights are broadcast")
+        wait_until(lambda: sent and sent[-1][0] >= 10, "weights are broadcast")
         run.learner.stop.set()
         thread.join(PATIENCE)
+        assert {signature for _, signature in sent} == {SIGNATURE}
         assert run.seen.last.values["run/page"] == PAGE
         before = run.checkpoint()
         assert before["books"]["agent_steps"] == 17 * 8

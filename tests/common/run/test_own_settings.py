@@ -45,11 +45,19 @@ class Other:
     size: int
     patience: Patience = 1.0
     layers: Values[int] = field(default_factory=lambda: (1, 2))
+    order: Literal[1, 2] = 2
+    digit: Literal["1", "2"] = "2"
+    title: str | None = None
 
 
 def test_a_number_is_written_as_in_other_flags() -> None:
     assert own_settings(Kind, "kappa=.5") == own_settings(Kind, "kappa=+5e-1") == Kind(kappa=0.5)
     assert own_settings(Other, "size=1 patience=inf") == Other(1, patience=math.inf)
+
+
+def test_what_may_be_a_text_is_not_taken_for_a_number() -> None:
+    found = own_settings(Other, "size=1 order=1 digit=1 title=nan")
+    assert found == Other(1, order=1, digit="1", title="nan")
 
 
 def test_a_setting_may_be_a_list_and_have_no_default() -> None:
