@@ -27,7 +27,8 @@ def run() -> int | None:
         return 0
     module, *given = PROGRAMS[name]
     if "--help-all" in arguments:
-        given, arguments = [*takewhile(str.isalpha, given)], ["--help"]
+        named = [argument for argument in arguments if argument != "--help-all"]
+        given, arguments = [*takewhile(str.isalpha, given)], ["--help", *named]
     elif name == "evaluate" and (not arguments or arguments[0].startswith("-")):
         raise InputError("no network is named: name one, as in `ale-robot evaluate robot_pong`.")
     elif name in SHOWING and arguments and not arguments[0].startswith("-"):

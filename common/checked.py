@@ -40,6 +40,8 @@ Amount = Annotated[float, Ge(0)]
 Fraction = Annotated[float, Ge(0), Le(1)]
 Patience = Annotated[float, Ge(0), AllowInfNan(True)]
 """Seconds; inf to wait for ever."""
+LongText = Annotated[str, StringConstraints(max_length=2_000)]
+"""A text that may be longer than others."""
 NAME = r"^[A-Za-z0-9][A-Za-z0-9._-]{0,63}$"
 Name = Annotated[str, StringConstraints(pattern=NAME)]
 """Name of a run or a process; it becomes part of key expressions and paths."""

@@ -12,7 +12,8 @@ from pathlib import Path
 import common.protocol.actor_stats  # noqa: F401  # declares the totals of counters
 from common.metrics import METRICS, Metric
 from common.run.epochs import EpochRow
-from docs.settings import docstrings, row
+from common.run.meanings import docstrings
+from docs.settings import row
 
 PAGE = Path(__file__).with_name("metrics.md")
 _HEAD = """\

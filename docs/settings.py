@@ -4,19 +4,13 @@ Names, bounds and meanings are those of the dataclasses from which the flags are
 page cannot say anything else than the program does.
 """
 
-import ast
-import inspect
-import textwrap
 from collections.abc import Iterator
 from dataclasses import fields, is_dataclass
-from itertools import chain
 from pathlib import Path
-from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
+from typing import Any, get_type_hints
 
-from annotated_types import Ge, Le, Lt
-
-from common.checked import MAX_COUNT
 from common.run.config import RunConfig
+from common.run.meanings import bounds, docstrings, one_line
 from common.run.presets import PRESETS
 
 PAGE = Path(__file__).with_name("settings.md")
@@ -43,7 +37,7 @@ def _section(kind: type, group: str, title: str) -> Iterator[str]:
     hints, meanings = get_type_hints(kind, include_extras=True), docstrings(kind)
     yield from (f"## {title}", "")
     if group:
-        yield from (_one_line(kind.__doc__ or ""), "")
+        yield from (one_line(kind.__doc__ or ""), "")
     yield from (_COLUMNS, _RULE)
     inner: list[tuple[str, type]] = []
     for field in fields(kind):
@@ -61,7 +55,7 @@ def _row(group: str, name: str, hint: Any, meaning: str) -> str:
     flag = f"--{group}{'.' if group else ''}{name}".replace("_", "-")
     presets = [getattr(preset, group) if group else preset for preset in PRESETS.values()]
     values = [_value(getattr(preset, name)) for preset in presets]
-    return row(f"`{flag}`", _bounds(hint), meaning, *values)
+    return row(f"`{flag}`", bounds(hint), meaning, *values)
 
 
 def row(*cells: str) -> str:
@@ -77,46 +71,6 @@ def _value(value: object) -> str:
             return f"{value:,}".removesuffix(".0")
         case _:
             return str(value)
-
-
-def _bounds(hint: Any) -> str:
-    """Returns what a setting may be, such as "0 to 1" or "uniform, prioritised"."""
-    if get_origin(hint) is Union:
-        given, _ = get_args(hint)
-        return f"{_bounds(given)}; or none"
-    kind, *marks = get_args(hint) if get_origin(hint) is Annotated else (hint,)
-    if get_origin(kind) is Literal:
-        return ", ".join(map(str, get_args(kind)))
-    if kind in (bool, str):
-        return "yes, no" if kind is bool else "text"
-    low = next(f"{mark.ge:,}".removesuffix(".0") for mark in marks if isinstance(mark, Ge))
-    highs = (
-        f" to {mark.le:,}".removesuffix(".0")
-        for mark in marks
-        if isinstance(mark, Le) and mark.le != MAX_COUNT
-    )
-    below = (f" to below {mark.lt}" for mark in marks if isinstance(mark, Lt) and kind is float)
-    high = next(chain(highs, below), " or more")
-    return f"{'integer, ' if kind is int else ''}{low}{high}"
-
-
-def docstrings(kind: type) -> dict[str, str]:
-    """Returns the text below each field of ``kind``."""
-    tree = ast.parse(textwrap.dedent(inspect.getsource(kind))).body[0]
-    assert isinstance(tree, ast.ClassDef)
-    found = {}
-    for field, text in zip(tree.body, tree.body[1:], strict=False):
-        match field, text:
-            case (
-                ast.AnnAssign(target=ast.Name(id=name)),
-                ast.Expr(value=ast.Constant(value=str(meaning))),
-            ):
-                found[name] = _one_line(meaning)
-    return found
-
-
-def _one_line(text: str) -> str:
-    return " ".join(text.split())
 
 
 if __name__ == "__main__":

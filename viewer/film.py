@@ -3,7 +3,7 @@
 import threading
 from collections.abc import Iterable
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from itertools import islice
 from pathlib import Path
 from typing import NamedTuple
@@ -86,7 +86,7 @@ class Film(Played):
     def _play(self) -> Play:
         given = find_weights(self.shown) if self.shown else self.weights
         return Play(
-            *(self.env, self.game, self.robot, self.seed, self.minimal_actions),
+            **{field.name: getattr(self, field.name) for field in fields(Played)},
             weights=given or shown_weights(self.env),
             epsilon=self.epsilon,
             seconds=self.seconds,

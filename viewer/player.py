@@ -15,11 +15,11 @@ from actors.envs import make_env
 from actors.envs.game_env import GameEnv
 from actors.policy import Policy
 from common.errors import InputError
-from common.pinned_file import path_of
 from common.registry import ENVIRONMENTS
 from common.run.clock import ClockConfig
 from common.run.config import MAX_SEED, RunConfig
 from common.run.origin import check_fit, origin_of
+from common.run.own_settings import merged
 from common.run.presets import PRESETS
 
 File = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
@@ -46,6 +46,10 @@ class Played:
     robot: str | None = None
     """Robot: 'nao' by default, 'robotroller', a registered one, or FILE.npz, a latency model of the
     hands."""
+    robot_settings: Annotated[str | None, tyro.conf.arg(name="play.robot-settings")] = None
+    """Settings that a registered robot declares for itself, such as 'reach=0.4 fingers=2'."""
+    env_settings: Annotated[str | None, tyro.conf.arg(name="play.env-settings")] = None
+    """Settings that a registered environment declares for itself, such as 'lamps=4'."""
     seed: Annotated[int, Ge(0), Lt(MAX_SEED)] | None = None
     """Seed of the games and the random actions; by default that of the run's settings."""
     minimal_actions: Annotated[
@@ -69,20 +73,21 @@ class Played:
         if config is None:
             config = PRESETS[ENVIRONMENTS.find(self.env or RunConfig.env).preset]
             config = replace(config, play=replace(config.play, minimal_actions=False))
-        another_env = self.env not in (None, config.env)
-        another_robot = another_env or self.robot not in (None, str(path_of(config.play.robot)))
+        kept, env, robot = config.play, self.env or config.env, self.robot or config.play.robot
+        # Another environment or robot does not know the settings that the former one declared.
+        of_env = kept.env_settings if env == config.env else ""
+        of_robot = kept.robot_settings if (env, robot) == (config.env, kept.robot) else ""
         play = replace(
-            config.play,
-            # Other things do not know the settings that its own declared.
-            env_settings="" if another_env else config.play.env_settings,
-            robot_settings="" if another_robot else config.play.robot_settings,
-            minimal_actions=self.minimal_actions or config.play.minimal_actions,
-            robot=self.robot or config.play.robot,
+            kept,
+            minimal_actions=self.minimal_actions or kept.minimal_actions,
+            robot=robot,
+            robot_settings=merged(of_robot, self.robot_settings, "--play.robot-settings"),
+            env_settings=merged(of_env, self.env_settings, "--play.env-settings"),
         )
         seed = config.seed if self.seed is None else self.seed
         config = replace(
             config.fixed,
-            env=self.env or config.env,
+            env=env,
             game=self.game or config.game,
             seed=seed,
             play=play,

@@ -26,12 +26,13 @@ from tyro import _strings
 from common.checked import Count, FromOne, Invalid, build
 from common.errors import InputError, choice
 from common.process.exit_codes import table
+from common.process.own_flags import going_on_from, own_help
 from common.registry import ENVIRONMENTS
 from common.regular_file import read_file
 from common.run.config import RunConfig, all_ranges
 from common.run.origin import find_weights
 from common.run.presets import PRESETS
-from common.run.stored_config import REMOVED, RENAMED, flag_of, from_mapping, settings
+from common.run.stored_config import REMOVED, RENAMED, flag_of, flat, from_mapping, settings
 from common.transport.endpoint import DEFAULT_ENDPOINT
 from common.transport.leaky_bucket import STEPS_PER_SECOND
 from common.version import VERSION
@@ -144,15 +145,18 @@ def parse_run(
     arguments = with_file(arguments)
     flags = [argument for argument in arguments if argument != ALL_RANGES]
     preset = preset_of(flags)
-    options = parse(kind, program, flags, config=preset)
+    options = parse(kind, program, flags, own_help(flags), config=preset)
     if (found := stored(options)) is not None:
+        flags = going_on_from(flat(found), flags)
         options = parse(kind, program, flags, config=found)
     if len(flags) < len(arguments):
         drawn = dataclasses.replace(found or preset, randomise=all_ranges(options.config.env))
         options = parse(kind, program, flags, config=drawn)
     options.config.check()
-    pinned = dataclasses.replace(options, config=options.config.pinned())
-    return pinned, found
+    config = options.config.pinned()
+    if config != found:  # a stored run goes on, even if a new version of a package declares more
+        config = config.in_full()
+    return dataclasses.replace(options, config=config), found
 
 
 def started_by(module: str) -> str:
@@ -161,8 +165,11 @@ def started_by(module: str) -> str:
     return sys.argv[0] if sys.argv[0].startswith("ale-robot ") else f"python -m {module}"
 
 
-def parse(kind: type[T], program: str, arguments: Sequence[str], **defaults: Any) -> T:
+def parse(
+    kind: type[T], program: str, arguments: Sequence[str], more: str = "", **defaults: Any
+) -> T:
     """Returns a ``kind`` filled from the command line, with the other fields from ``defaults``.
+    Its help begins with what it is, and ``more``.
 
     Raises:
         SystemExit: code 0 after ``--help`` and ``--version``.
@@ -179,7 +186,7 @@ def parse(kind: type[T], program: str, arguments: Sequence[str], **defaults: Any
         try:
             # A union of commands has no docstring but Python's own.
             does = (kind.__doc__ or "") if isinstance(kind, type) else ""
-            about = _wrapped(f"{inspect.cleandoc(does)}\n\nExit codes:\n\n{table()}")
+            about = _wrapped(f"{inspect.cleandoc(does)}\n\n{more}Exit codes:\n\n{table()}")
             parsed: T = tyro.cli(
                 kind, prog=command, description=about, args=list(arguments), **given
             )
@@ -266,8 +273,10 @@ def with_file(arguments: Sequence[str]) -> list[str]:
         if known.config.suffix == ".json":
             stored = told.get("config", told) if isinstance(told, dict) else told
             told = dataclasses.asdict(from_mapping(RunConfig, stored, str(known.config), fill=True))
-        given = (flag_of(name, value) for name, value in settings(told) if value is not None)
-        flags = list(chain.from_iterable(given))
+        given = {
+            name.replace("-", "_"): value for name, value in settings(told) if value is not None
+        }
+        flags = list(chain.from_iterable(flag_of(*each) for each in given.items()))
     except OSError as error:
         raise InputError(f"--config {known.config} cannot be read: {error.strerror}.") from None
     except (ValueError, RecursionError) as error:
@@ -276,7 +285,7 @@ def with_file(arguments: Sequence[str]) -> list[str]:
         raise InputError(f"{known.config} names another file of settings: remove config from it.")
     if any("\0" in flag for flag in flags):
         raise InputError(f"--config {known.config} holds a NUL character: remove it.")
-    return [*flags, *rest]
+    return [*flags, *going_on_from(given, rest)]
 
 
 def check_bounds(options: Any) -> None:

@@ -14,7 +14,7 @@ from typing import Annotated, Any, Final, Literal, NamedTuple, get_type_hints
 import tyro
 from annotated_types import Ge, Le
 
-from common.checked import Amount, Count, Fraction
+from common.checked import Amount, Count, Fraction, LongText
 from common.errors import InputError
 from common.pinned_file import path_of
 from common.run.stored_config import from_mapping
@@ -83,10 +83,12 @@ class PlayConfig:
     with a latency model in place of its hands, in the format of Physical Atari. The emulator alone
     follows such a model too. The run stores the file's SHA-256; each process needs the same
     file."""
-    robot_settings: str = ""
-    """Settings that a registered robot declares for itself, such as 'reach=0.4 fingers=2'."""
-    env_settings: str = ""
-    """Settings that a registered environment declares for itself, such as 'lamps=4'."""
+    robot_settings: LongText = ""
+    """Settings that a registered robot declares for itself, such as 'reach=0.4 fingers=2';
+    `--robot NAME --help` lists them."""
+    env_settings: LongText = ""
+    """Settings that a registered environment declares for itself, such as 'lamps=4'; `--env NAME
+    --help` lists them."""
     hand: Literal["arm", "model"] = "arm"
     """Actuator of a robot's keys: its arms, or a model with --play.press-latency. The emulator
     alone always uses the model."""

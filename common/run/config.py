@@ -5,19 +5,21 @@ to every actor that asks, and refuses to resume the run under a different one.
 """
 
 import dataclasses
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from operator import attrgetter
 from typing import Annotated, Any, Literal
 
 from annotated_types import Ge, Le, Lt
 
-from common.checked import Amount, Count, Fraction, FromOne, Score
+from common.checked import Amount, Count, Fraction, FromOne, LongText, Score
 from common.errors import InputError
 from common.pinned_file import path_of, pin
 from common.protocol.step_fields import FRAME_BYTES, drawn_fields
 from common.protocol.wire import MAX_MESSAGE_BYTES
-from common.registry import ALGORITHMS, ENVIRONMENTS, ROBOTS
+from common.registry import ENVIRONMENTS, Entry
 from common.run.conditions import DRAWN, CameraConfig, PlayConfig, RandomiseConfig, check_ranges
-from common.run.own_settings import check_own_settings
+from common.run.own_settings import EXTENSIONS, check_own_settings, in_full
 from common.run.stored_config import from_mapping
 
 MAX_CHUNK_STEPS = 1_024
@@ -74,8 +76,9 @@ class LearningConfig:
     algorithm: str = "dqn"
     """Algorithm: 'dqn' (equations 2 to 4 of 2017; Double DQN with --learning.target double), or
     'qr_dqn' (quantile regression, Dabney et al. 2018)."""
-    algorithm_settings: str = ""
-    """Settings that a registered algorithm declares for itself, such as 'kappa=0.5'."""
+    algorithm_settings: LongText = ""
+    """Settings that a registered algorithm declares for itself, such as 'kappa=0.5';
+    `--learning.algorithm NAME --help` lists them."""
     quantiles: Annotated[int, Ge(1), Le(256)] = 51
     """Number of quantiles of each action's return that qr_dqn learns."""
     network: NetworkName = "nature"
@@ -249,27 +252,40 @@ class RunConfig:
             return self
         return replace(self, play=replace(self.play, robot=pin(self.play.latency_model)))
 
+    def in_full(self) -> "RunConfig":
+        """Returns the settings with the values of all that extensions declare for themselves."""
+        texts: dict[str, dict[str, str]] = {"play": {}, "learning": {}}
+        for entry, name, text in self._own_settings():
+            group, field = name.split(".")
+            texts[group][field] = in_full(entry, text)
+        return replace(
+            self,
+            play=replace(self.play, **texts["play"]),  # type: ignore[arg-type]
+            learning=replace(self.learning, **texts["learning"]),  # type: ignore[arg-type]
+        )
+
+    def _own_settings(self) -> Iterator[tuple[Entry, str, str]]:
+        """Yields environment, robot and algorithm, each with the name and the text of its own
+        settings."""
+        for extension in EXTENSIONS:
+            entry = extension.registry.find(attrgetter(extension.name)(self))
+            yield entry, extension.text, attrgetter(extension.text)(self)
+
     def check(self) -> None:
         """Checks each setting (by the bounds beside its field) and all of them together. Raises
         InputError with the field at fault and what to choose."""
         from_mapping(RunConfig, dataclasses.asdict(self), "")
-        environment = ENVIRONMENTS.find(self.env)
-        check_own_settings(environment, self.play.env_settings, "play.env_settings")
-        environment.actions(self)  # raises for an unknown game
+        for entry, name, text in self._own_settings():
+            check_own_settings(entry, text, name)
+        ENVIRONMENTS.find(self.env).actions(self)  # raises for an unknown game
         self._check_meaningful()
         check_ranges(self.play, self.camera, self.randomise)
         play = self.play
-        if environment.robot or play.robot_settings:
-            robot = ROBOTS.find(play.robot)
-            check_own_settings(robot, play.robot_settings, "play.robot_settings")
         if play.latency_model and (play.hand == "model" or play.press_latency):
             raise InputError(
                 f"play.robot is {path_of(play.robot)}, which models the hands by itself: leave "
                 "play.hand at 'arm' and play.press_latency at 0."
             )
-        algorithm = ALGORITHMS.find(self.learning.algorithm)
-        text = self.learning.algorithm_settings
-        check_own_settings(algorithm, text, "learning.algorithm_settings")
         learning, replay, stream = self.learning, self.replay, self.stream
         if learning.annealing_steps and learning.final_learning_rate > learning.learning_rate:
             raise InputError(

@@ -8,19 +8,34 @@ They are a frozen dataclass, with bounds beside its fields and a default for eac
 import json
 import shlex
 from contextlib import suppress
-from dataclasses import MISSING, fields
-from typing import TYPE_CHECKING, Any, Literal, TypeVar, get_args, get_origin, get_type_hints
+from dataclasses import MISSING, asdict, fields
+from typing import Any, Literal, NamedTuple, TypeVar, get_args, get_origin, get_type_hints
 
 from common.errors import InputError, choice
+from common.registry import ALGORITHMS, ENVIRONMENTS, ROBOTS, Entry, Registry
 from common.run.stored_config import from_mapping
-
-if TYPE_CHECKING:
-    from common.registry import Entry
 
 T = TypeVar("T")
 
 
-def own_settings(kind: type[T], text: str, where: str = "settings") -> T:
+class Extension(NamedTuple):
+    """A part of a run that another package may add."""
+
+    name: str
+    """Setting that chooses it, such as ``learning.algorithm``."""
+    text: str
+    """Setting that holds its own settings."""
+    registry: Registry[Any]
+
+
+EXTENSIONS = (
+    Extension("env", "play.env_settings", ENVIRONMENTS),
+    Extension("play.robot", "play.robot_settings", ROBOTS),
+    Extension("learning.algorithm", "learning.algorithm_settings", ALGORITHMS),
+)
+
+
+def own_settings(kind: type[T], text: str, where: str = "") -> T:
     """Returns the ``kind`` that ``text`` describes; what it does not name has its default. Raises
     InputError if a setting is unknown, given twice, not of its type, or out of bounds; or if one
     without a default is not named.
@@ -28,8 +43,9 @@ def own_settings(kind: type[T], text: str, where: str = "settings") -> T:
     Args:
         text: pairs of name and value, with ``=`` between them, separated by blanks. A value with
             blanks is quoted, as in a shell.
-        where: names the text in errors.
+        where: names the text in errors; by default it is the name of ``kind``.
     """
+    where = where or kind.__name__
     hints = get_type_hints(kind)
     known = sorted(field.name for field in fields(kind))  # type: ignore[arg-type]
     given: dict[str, Any] = {}
@@ -45,13 +61,40 @@ def own_settings(kind: type[T], text: str, where: str = "settings") -> T:
     return from_mapping(kind, _defaults(kind) | given, where)
 
 
-def check_own_settings(entry: "Entry", text: str, where: str) -> None:
+def merged(kept: str, given: str | None, where: str) -> str:
+    """Returns the text of ``kept`` settings with those that were ``given`` in their place: None
+    leaves all as they are, and an empty text drops all."""
+    if not given:
+        return kept if given is None else ""
+    named = {pair.partition("=")[0] for pair in _pairs(given, where)}
+    others = (pair for pair in _pairs(kept, where) if pair.partition("=")[0] not in named)
+    return f"{shlex.join(others)} {given}".strip()
+
+
+def check_own_settings(entry: Entry, text: str, where: str) -> None:
     """Checks the settings of ``entry`` itself, as `own_settings` does. Raises InputError if there
     are any, but the entry declares none."""
     if entry.settings is not None:
         own_settings(entry.settings, text, where)
     elif text:
-        raise InputError(f"{where} is {text!r}, but {entry.name} has no settings of its own.")
+        raise InputError(
+            f"{where} is {text!r}, but {entry.name} has no settings of its own: leave it empty."
+        )
+
+
+def in_full(entry: Entry, text: str) -> str:
+    """Returns ``text`` with every setting that ``entry`` declares, so that the defaults of another
+    version of its package do not change the run."""
+    if entry.settings is None:
+        return text
+    values: dict[str, Any] = asdict(own_settings(entry.settings, text))
+    return " ".join(f"{name}={_written(value)}" for name, value in values.items())
+
+
+def _written(value: Any) -> str:
+    return shlex.quote(
+        value if isinstance(value, str) else json.dumps(value, separators=(",", ":"))
+    )
 
 
 def _pairs(text: str, where: str) -> list[str]:

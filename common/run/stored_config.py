@@ -117,4 +117,8 @@ def _with_present_fields(data: Any, where: str) -> Any:
 def differences(old: Any, new: Any) -> list[str]:
     """Returns the settings in which two configurations differ, with both values."""
     before, after = flat(old), flat(new)
-    return [f"{name} {v} → {after[name]}" for name, v in before.items() if v != after[name]]
+    return [
+        f"{name} {v if v != '' else 'none'} → {after[name] if after[name] != '' else 'none'}"
+        for name, v in before.items()
+        if v != after[name]
+    ]

@@ -61,9 +61,11 @@ def test_a_command_is_its_program_with_its_flags_before_the_users(
     monkeypatch.setitem(sys.modules, "learner.__main__", SimpleNamespace(main=main))
     assert run(monkeypatch, "train", "--seed", "2") == 3
     assert run(monkeypatch, "evaluate", "robot_pong") == 3
+    assert run(monkeypatch, "train", "--env", "ale", "--help-all") == 3
     assert called == [
         ["ale-robot train", "--local", "--seed", "2"],
         ["ale-robot evaluate", "--evaluate", "robot_pong"],
+        ["ale-robot train", "--help", "--env", "ale"],  # the help depends on the flags
     ]
 
 

@@ -88,6 +88,31 @@ def test_flags_that_cannot_be_followed(
         command(monkeypatch, *arguments)
 
 
+@dataclass(frozen=True)
+class TallSettings:
+    reach: float = 1.0
+    depth: int = 1
+
+
+def test_a_robots_own_settings_go_over_those_of_the_run(tmp_path: Path) -> None:
+    tall = RobotKind("tall", "nowhere:tall", joints=8, settings=TallSettings)
+    play = replace(PRESETS["robot"].play, robot="tall", robot_settings="reach=2 depth=3")
+    weights = in_run(tmp_path, replace(PRESETS["robot"], play=play), 6)
+    with added(ROBOTS, tall):
+        for flags, text in (
+            (Played(), "reach=2 depth=3"),
+            (Played(robot="tall", robot_settings="depth=4"), "reach=2 depth=4"),
+            (Played(robot_settings=""), ""),
+            (Played(robot="nao"), ""),
+        ):
+            assert flags.config(weights).play.robot_settings == text
+        assert Played(robot="tall", robot_settings="reach=2").config().play.robot_settings == (
+            "reach=2"
+        )
+        with pytest.raises(InputError, match=r"play\.robot_settings\.depth is 'x'"):
+            Played(robot_settings="depth=x").config(weights)
+
+
 def test_what_is_played_comes_from_the_run_of_the_weights(tmp_path: Path) -> None:
     ran = replace(PRESETS["fast"], game="breakout")
     drawing = replace(ran, randomise=RandomiseConfig(latency=3))

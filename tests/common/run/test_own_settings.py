@@ -1,8 +1,9 @@
 """Settings that an extension declares for itself, as one text."""
 
 import math
+import shlex
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Annotated, Literal
 
 import pytest
@@ -15,7 +16,7 @@ from common.errors import InputError
 from common.registry import ALGORITHMS, ROBOTS, AlgorithmKind
 from common.run.conditions import PlayConfig
 from common.run.config import LearningConfig, RunConfig
-from common.run.own_settings import own_settings
+from common.run.own_settings import in_full, merged, own_settings
 from tests.extending.whole_run import added
 
 
@@ -32,6 +33,8 @@ def test_what_is_not_named_has_its_default() -> None:
     assert own_settings(Kind, "") == Kind()
     assert own_settings(Kind, "kappa=0.5 depth=4") == Kind(depth=4, kappa=0.5)
     assert own_settings(Kind, "dueling=true mode=mean") == Kind(dueling=True, mode="mean")
+    assert own_settings(Kind, "kappa=.5").kappa == 0.5
+    assert own_settings(Kind, "kappa=2 depth=4 kappa=5") == Kind(depth=4, kappa=5.0)
 
 
 def test_a_text_stays_a_text() -> None:
@@ -93,12 +96,81 @@ UNFINISHED = "a quotation mark, or what follows a backslash, is missing."
         ),
         ("name='a", f's is "name=\'a": {UNFINISHED}'),
         ("name=a\\", rf"s is 'name=a\\': {UNFINISHED}"),
+        (
+            f"name={'a' * 201}",
+            "s.name is 'aaaaaaaaaaaa...aaaaaaaaaaaaa': choose at most 200 characters.",
+        ),
     ],
 )
 def test_what_is_wrong_is_told(text: str, sentence: str) -> None:
     with pytest.raises(InputError) as error:
         own_settings(Kind, text, "s")
     assert str(error.value) == sentence
+
+
+def test_an_error_names_the_declaration_where_no_setting_is_named() -> None:
+    with pytest.raises(InputError, match=r"^Kind has no 'deep': did you mean depth\?$"):
+        own_settings(Kind, "deep=1")
+
+
+DEEP = AlgorithmKind("deep", "nowhere:deep", settings=Kind)
+
+
+def test_a_text_in_full_names_every_setting() -> None:
+    assert in_full(DEEP, "kappa=.5") == "depth=3 kappa=0.5 dueling=false name=none mode=max"
+    assert in_full(ALGORITHMS.find("dqn"), "") == ""
+
+
+@given(
+    st.builds(
+        Kind,
+        depth=st.integers(1, 9),
+        kappa=st.floats(0, allow_infinity=False),
+        dueling=st.booleans(),
+        name=st.text(max_size=9),
+    )
+)
+def test_a_text_in_full_is_read_back(settings: Kind) -> None:
+    text = " ".join(
+        f"{name}={shlex.quote(_plain(value))}" for name, value in vars(settings).items()
+    )
+    assert own_settings(Kind, in_full(DEEP, text)) == settings == own_settings(Kind, text)
+
+
+def _plain(value: object) -> str:
+    return str(value).lower() if isinstance(value, bool) else str(value)
+
+
+@pytest.mark.parametrize(
+    ("given", "now"),
+    [(None, "a=1 'b=2 3'"), ("", ""), ("b=4", "a=1 b=4"), ("a=0", "'b=2 3' a=0")],
+)
+def test_what_is_given_goes_over_what_is_kept(given: str | None, now: str) -> None:
+    assert merged("a=1 'b=2 3'", given, "s") == now
+    assert merged("", given, "s") == (given or "")
+
+
+def test_an_unfinished_text_is_not_merged() -> None:
+    with pytest.raises(InputError, match=r"^s is \"a='\": a quotation mark"):
+        merged("a=1", "a='", "s")
+
+
+def test_the_settings_in_full_are_those_of_all_extensions() -> None:
+    config = RunConfig(learning=LearningConfig(algorithm="deep", algorithm_settings="depth=4"))
+    with added(ALGORITHMS, DEEP):
+        full = config.in_full()
+    text = "depth=4 kappa=1.0 dueling=false name=none mode=max"
+    assert full == replace(config, learning=replace(config.learning, algorithm_settings=text))
+
+
+def test_a_text_of_settings_may_be_longer_than_others() -> None:
+    long = "depth=4".ljust(2_000)
+    config = RunConfig(learning=LearningConfig(algorithm="deep", algorithm_settings=long))
+    with added(ALGORITHMS, DEEP):
+        config.check()
+        longer = replace(config.learning, algorithm_settings=f"{long} ")
+        with pytest.raises(InputError, match="choose at most 2000 characters"):
+            replace(config, learning=longer).check()
 
 
 @given(st.text(max_size=60))
@@ -111,15 +183,16 @@ def test_a_run_refuses_settings_that_nobody_declares() -> None:
     for config, sentence in (
         (
             RunConfig(learning=LearningConfig(algorithm_settings="kappa=1")),
-            "learning.algorithm_settings is 'kappa=1', but dqn has no settings of its own.",
+            "learning.algorithm_settings is 'kappa=1', but dqn has no settings of its own: "
+            "leave it empty.",
         ),
         (
             RunConfig(play=PlayConfig(robot_settings="reach=1")),
-            "play.robot_settings is 'reach=1', but nao has no settings of its own.",
+            "play.robot_settings is 'reach=1', but nao has no settings of its own: leave it empty.",
         ),
         (
             RunConfig(env="ale", play=PlayConfig(env_settings="x=1")),
-            "play.env_settings is 'x=1', but ale has no settings of its own.",
+            "play.env_settings is 'x=1', but ale has no settings of its own: leave it empty.",
         ),
     ):
         with pytest.raises(InputError) as error:
@@ -128,10 +201,9 @@ def test_a_run_refuses_settings_that_nobody_declares() -> None:
 
 
 def test_a_run_takes_those_of_its_algorithm_and_robot() -> None:
-    algorithm = AlgorithmKind("deep", "nowhere:deep", settings=Kind)
     nao = ROBOTS.find("nao")
     robot = type(nao)("tall", nao.factory, joints=nao.joints, settings=Kind)
-    with added(ALGORITHMS, algorithm), added(ROBOTS, robot):
+    with added(ALGORITHMS, DEEP), added(ROBOTS, robot):
         config = RunConfig(
             learning=LearningConfig(algorithm="deep", algorithm_settings="depth=4"),
             play=PlayConfig(robot="tall", robot_settings="kappa=2"),

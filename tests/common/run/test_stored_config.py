@@ -213,3 +213,6 @@ def test_differences_name_each_field_and_both_values() -> None:
         "game pong → breakout",
         "replay.learning_starts 10000 → 20000",
     ]
+    lamps = replace(GOOD, play=replace(GOOD.play, env_settings="lamps=4"))
+    assert differences(GOOD, lamps) == ["play.env_settings none → lamps=4"]
+    assert differences(lamps, GOOD) == ["play.env_settings lamps=4 → none"]

@@ -1,0 +1,70 @@
+"""Flags of the settings that extensions declare for themselves: how they go on from stored ones,
+and their help."""
+
+import argparse
+import shlex
+from collections.abc import Mapping, Sequence
+from dataclasses import fields
+from typing import Any, get_type_hints
+
+from common.run.meanings import bounds, docstrings
+from common.run.own_settings import EXTENSIONS, in_full, merged
+from common.run.stored_config import flag_of
+
+
+def going_on_from(before: Mapping[str, Any], arguments: Sequence[str]) -> list[str]:
+    """Returns ``arguments`` whose own settings of extensions go on from those ``before``: what they
+    do not name stays, unless they choose another extension or give an empty text.
+
+    Args:
+        before: settings by their full names, as `flat` returns them.
+    """
+    known, rest = _split(arguments)
+    for extension in EXTENSIONS:
+        name, text = known.get(extension.name), before.get(extension.text, "")
+        if name is not None:
+            rest += flag_of(extension.name, name)
+        kept = text if name in (None, before.get(extension.name)) else ""
+        if (now := merged(kept, known.get(extension.text), extension.text)) != text:
+            rest += flag_of(extension.text, now)
+    return rest
+
+
+def own_help(arguments: Sequence[str]) -> str:
+    """Returns what ``--help`` says of the own settings of the extensions that ``arguments`` choose:
+    each with its default, bounds and meaning. Raises InputError for an unknown extension."""
+    known, rest = _split(arguments)
+    if not {"-h", "--help"} & {*rest}:
+        return ""
+    lines = []
+    for extension in EXTENSIONS:
+        if (name := known.get(extension.name)) is None:
+            continue
+        entry = extension.registry.find(name)
+        if (kind := entry.settings) is None:
+            continue
+        flag, _ = flag_of(extension.text, "")
+        lines += [f"Settings of {name}, each for {flag} 'NAME=VALUE ...':", ""]
+        hints, meanings = get_type_hints(kind, include_extras=True), docstrings(kind)
+        for field, pair in zip(fields(kind), shlex.split(in_full(entry, "")), strict=True):
+            hint, meaning = hints[field.name], meanings.get(field.name, "")
+            choices = "true, false" if hint is bool else bounds(hint)
+            lines.append(f"  {pair} ({choices}): {meaning}".rstrip(": "))
+        lines.append("")
+    return "\n".join([*lines, ""])
+
+
+def _split(arguments: Sequence[str]) -> tuple[dict[str, str], list[str]]:
+    """Returns what ``arguments`` say of extensions, by the setting's name, and the others."""
+    parser = argparse.ArgumentParser(
+        add_help=False, allow_abbrev=False, exit_on_error=False, argument_default=argparse.SUPPRESS
+    )
+    for setting in (name for extension in EXTENSIONS for name in extension[:2]):
+        flag, _ = flag_of(setting, "")
+        short = ["--robot"] if setting == "play.robot" else []
+        parser.add_argument(flag, *short, dest=setting)
+    try:
+        known, rest = parser.parse_known_args(list(arguments))
+    except argparse.ArgumentError:
+        return {}, list(arguments)  # a value is missing, as will be told
+    return vars(known), rest
