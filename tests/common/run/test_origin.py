@@ -69,6 +69,12 @@ def test_a_network_of_another_shape_says_the_flag_under_which_it_fits(
         check_fit(FILE, TRAINED, changed(setting, value))
 
 
+def test_a_flag_is_quoted_as_a_shell_needs_it() -> None:
+    trained = changed("play.robot", "my hand.npz")
+    with pytest.raises(InputError, match=r": add --robot 'my hand\.npz'\.$"):
+        check_fit(FILE, trained, changed("play.robot", "robotroller"))
+
+
 def test_all_that_does_not_fit_is_told_at_once() -> None:
     raw = replace(TRAINED.learning, scale_pixels=False, center_pixels=False)
     words = (

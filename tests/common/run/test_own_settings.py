@@ -191,6 +191,10 @@ def test_a_run_refuses_settings_that_nobody_declares() -> None:
             "play.robot_settings is 'reach=1', but nao has no settings of its own: leave it empty.",
         ),
         (
+            RunConfig(env="ale", play=PlayConfig(robot_settings="reach=1")),
+            "play.robot_settings is 'reach=1', but nao has no settings of its own.",
+        ),
+        (
             RunConfig(env="ale", play=PlayConfig(env_settings="x=1")),
             "play.env_settings is 'x=1', but ale has no settings of its own: leave it empty.",
         ),
@@ -212,3 +216,8 @@ def test_a_run_takes_those_of_its_algorithm_and_robot() -> None:
         wrong = RunConfig(play=PlayConfig(robot="tall", robot_settings="depth=0"))
         with pytest.raises(InputError, match=r"play\.robot_settings\.depth is 0"):
             wrong.check()
+    # A setting without a default has to be given.
+    with added(ALGORITHMS, AlgorithmKind("deep", "nowhere:deep", settings=Other)):
+        lacking = RunConfig(learning=LearningConfig(algorithm="deep"))
+        with pytest.raises(InputError, match=r"^learning\.algorithm_settings has a missing or "):
+            lacking.check()
