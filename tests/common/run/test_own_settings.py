@@ -34,7 +34,6 @@ def test_what_is_not_named_has_its_default() -> None:
     assert own_settings(Kind, "kappa=0.5 depth=4") == Kind(depth=4, kappa=0.5)
     assert own_settings(Kind, "dueling=true mode=mean") == Kind(dueling=True, mode="mean")
     assert own_settings(Kind, "kappa=.5").kappa == 0.5
-    assert own_settings(Kind, "kappa=2 depth=4 kappa=5") == Kind(depth=4, kappa=5.0)
 
 
 def test_a_text_stays_a_text() -> None:
