@@ -191,7 +191,7 @@ def test_a_run_refuses_settings_that_nobody_declares() -> None:
         ),
         (
             RunConfig(env="ale", play=PlayConfig(robot_settings="reach=1")),
-            "play.robot_settings is 'reach=1', but nao has no settings of its own.",
+            "play.robot_settings is 'reach=1', but nao has no settings of its own: leave it empty.",
         ),
         (
             RunConfig(env="ale", play=PlayConfig(env_settings="x=1")),
