@@ -266,10 +266,12 @@ class RunConfig:
 
     def _own_settings(self) -> Iterator[tuple[Entry, str, str]]:
         """Yields environment, robot and algorithm, each with the name and the text of its own
-        settings."""
-        for extension in EXTENSIONS:
-            entry = extension.registry.find(attrgetter(extension.name)(self))
-            yield entry, extension.text, attrgetter(extension.text)(self)
+        settings. Without a robot, the robot of the settings may be unknown here."""
+        for name, where, registry in EXTENSIONS:
+            text = attrgetter(where)(self)
+            if name == "play.robot" and not (text or ENVIRONMENTS.find(self.env).robot):
+                continue
+            yield registry.find(attrgetter(name)(self)), where, text
 
     def check(self) -> None:
         """Checks each setting (by the bounds beside its field) and all of them together. Raises
