@@ -61,8 +61,8 @@ def _split(arguments: Sequence[str]) -> tuple[dict[str, str], list[str]]:
     )
     for setting in (name for extension in EXTENSIONS for name in extension[:2]):
         flag, _ = flag_of(setting, "")
-        short = ["--robot"] if setting == "play.robot" else []
-        parser.add_argument(flag, *short, dest=setting)
+        others = {f"--{setting}", "--robot" if setting == "play.robot" else flag} - {flag}
+        parser.add_argument(flag, *others, dest=setting)
     try:
         known, rest = parser.parse_known_args(list(arguments))
     except argparse.ArgumentError:

@@ -60,6 +60,7 @@ FULL = "kappa=2.0 dueling=true"
         ([], FULL),
         ([TEXT, "kappa=3"], "kappa=3.0 dueling=true"),
         ([f"{TEXT}=kappa=3"], "kappa=3.0 dueling=true"),
+        (["--learning.algorithm_settings", "kappa=3"], "kappa=3.0 dueling=true"),
         (["--learning.algorithm", "deep", TEXT, "kappa=3"], "kappa=3.0 dueling=true"),
         ([TEXT, ""], "kappa=1.0 dueling=false"),
         (["--learning.algorithm", "dqn"], ""),
