@@ -149,7 +149,7 @@ def parse_run(
     if (found := stored(options)) is not None:
         flags = going_on_from(flat(found), flags)
         options = parse(kind, program, flags, config=found)
-    if len(flags) < len(arguments):
+    if ALL_RANGES in arguments:
         drawn = dataclasses.replace(found or preset, randomise=all_ranges(options.config.env))
         options = parse(kind, program, flags, config=drawn)
     options.config.check()
@@ -269,10 +269,12 @@ def with_file(arguments: Sequence[str]) -> list[str]:
         return list(arguments)
     try:
         text = read_file(known.config).decode()
-        told = json.loads(text) if known.config.suffix == ".json" else tomllib.loads(text)
         if known.config.suffix == ".json":
+            told = json.loads(text)
             stored = told.get("config", told) if isinstance(told, dict) else told
             told = dataclasses.asdict(from_mapping(RunConfig, stored, str(known.config), fill=True))
+        else:
+            told = tomllib.loads(text)
         given = {
             name.replace("-", "_"): value for name, value in settings(told) if value is not None
         }

@@ -2,13 +2,12 @@
 and their help."""
 
 import argparse
-import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from typing import Any, get_type_hints
 
 from common.run.meanings import bounds, docstrings
-from common.run.own_settings import EXTENSIONS, in_full, merged
+from common.run.own_settings import EXTENSIONS, defaults_of, merged, written
 from common.run.stored_config import flag_of
 
 
@@ -40,14 +39,17 @@ def own_help(arguments: Sequence[str]) -> str:
     for extension in EXTENSIONS:
         if (name := known.get(extension.name)) is None:
             continue
-        entry = extension.registry.find(name)
-        if (kind := entry.settings) is None:
+        if (kind := extension.registry.find(name).settings) is None:
             continue
         flag, _ = flag_of(extension.text, "")
         lines += [f"Settings of {name}, each for {flag} 'NAME=VALUE ...':", ""]
         hints, meanings = get_type_hints(kind, include_extras=True), docstrings(kind)
-        for field, pair in zip(fields(kind), shlex.split(in_full(entry, "")), strict=True):
+        defaults = defaults_of(kind)
+        for field in fields(kind):
             hint, meaning = hints[field.name], meanings.get(field.name, "")
+            pair = field.name
+            if field.name in defaults:
+                pair += f"={written(defaults[field.name])}"
             choices = "true, false" if hint is bool else bounds(hint)
             lines.append(f"  {pair} ({choices}): {meaning}".rstrip(": "))
         lines.append("")

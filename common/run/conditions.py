@@ -84,11 +84,11 @@ class PlayConfig:
     follows such a model too. The run stores the file's SHA-256; each process needs the same
     file."""
     robot_settings: LongText = ""
-    """Settings that a registered robot declares for itself, such as 'reach=0.4 fingers=2';
-    `--robot NAME --help` lists them."""
+    """Settings that a registered robot declares for itself, such as 'reach=0.4 fingers=2'; the
+    help of all flags lists them beside --robot NAME."""
     env_settings: LongText = ""
-    """Settings that a registered environment declares for itself, such as 'lamps=4'; `--env NAME
-    --help` lists them."""
+    """Settings that a registered environment declares for itself, such as 'lamps=4'; the help of
+    all flags lists them beside --env NAME."""
     hand: Literal["arm", "model"] = "arm"
     """Actuator of a robot's keys: its arms, or a model with --play.press-latency. The emulator
     alone always uses the model."""

@@ -77,8 +77,8 @@ class LearningConfig:
     """Algorithm: 'dqn' (equations 2 to 4 of 2017; Double DQN with --learning.target double), or
     'qr_dqn' (quantile regression, Dabney et al. 2018)."""
     algorithm_settings: LongText = ""
-    """Settings that a registered algorithm declares for itself, such as 'kappa=0.5';
-    `--learning.algorithm NAME --help` lists them."""
+    """Settings that a registered algorithm declares for itself, such as 'kappa=0.5'; the help of
+    all flags lists them beside --learning.algorithm NAME."""
     quantiles: Annotated[int, Ge(1), Le(256)] = 51
     """Number of quantiles of each action's return that qr_dqn learns."""
     network: NetworkName = "nature"

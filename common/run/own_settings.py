@@ -1,6 +1,6 @@
 """Settings that an environment, a robot or an algorithm of another package declares for itself.
 
-They are a frozen dataclass, with bounds beside its fields and a default for each, as in
+They are a frozen dataclass, with bounds and defaults beside its fields, as in
 `common.run.conditions`. A run's configuration holds them as one text, such as
 ``kappa=0.5 depth=3``, so that it can be stored and sent without the package.
 """
@@ -58,7 +58,7 @@ def own_settings(kind: type[T], text: str, where: str = "") -> T:
         if name in given:
             raise InputError(f"{where} has {name} twice: omit one of them.")
         given[name] = _value(hints[name], value)
-    return from_mapping(kind, _defaults(kind) | given, where)
+    return from_mapping(kind, defaults_of(kind) | given, where)
 
 
 def merged(kept: str, given: str | None, where: str) -> str:
@@ -88,10 +88,11 @@ def in_full(entry: Entry, text: str) -> str:
     if entry.settings is None:
         return text
     values: dict[str, Any] = asdict(own_settings(entry.settings, text))
-    return " ".join(f"{name}={_written(value)}" for name, value in values.items())
+    return " ".join(f"{name}={written(value)}" for name, value in values.items())
 
 
-def _written(value: Any) -> str:
+def written(value: Any) -> str:
+    """Returns a setting's value as `own_settings` reads it."""
     return shlex.quote(
         value if isinstance(value, str) else json.dumps(value, separators=(",", ":"))
     )
@@ -106,7 +107,7 @@ def _pairs(text: str, where: str) -> list[str]:
         ) from None
 
 
-def _defaults(kind: Any) -> dict[str, Any]:
+def defaults_of(kind: Any) -> dict[str, Any]:
     """Returns the defaults of the fields that have one."""
     found: dict[str, Any] = {}
     for field in fields(kind):

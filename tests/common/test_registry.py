@@ -21,6 +21,7 @@ from common.registry import (
 )
 from common.run.config import RunConfig
 from common.run.presets import PRESETS
+from tests.installed import install
 from tests.paths import ROOT
 
 
@@ -107,10 +108,7 @@ def test_an_installed_package_brings_its_own(
         "from common.registry import Environment\n"
         "CATCH = Environment('catch', 'my_catch:make', lambda config: 3)\n"
     )
-    metadata = tmp_path / "my_catch-1.0.dist-info"
-    metadata.mkdir()
-    (metadata / "METADATA").write_text("Name: my-catch\nVersion: 1.0\n")
-    (metadata / "entry_points.txt").write_text("[ale_robot.environments]\ncatch = my_catch:CATCH\n")
+    install(tmp_path, "my-catch", "environment", "catch", "my_catch:CATCH")
     monkeypatch.syspath_prepend(str(tmp_path))
     registry = Registry[Environment]("environment")
     assert registry.names == ["catch"]
@@ -142,10 +140,7 @@ def test_a_package_that_cannot_be_loaded_is_told(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, code: str, words: str
 ) -> None:
     (tmp_path / "my_bad.py").write_text(code)
-    metadata = tmp_path / "my_bad-1.0.dist-info"
-    metadata.mkdir()
-    (metadata / "METADATA").write_text("Name: my-bad\nVersion: 1.0\n")
-    (metadata / "entry_points.txt").write_text("[ale_robot.environments]\nbad = my_bad:BAD\n")
+    install(tmp_path, "my-bad", "environment", "bad", "my_bad:BAD")
     monkeypatch.syspath_prepend(str(tmp_path))
     registry = Registry[Environment]("environment")
     with pytest.raises(InputError, match=rf"^the environment 'bad' .* my_bad:BAD, .*{words}"):

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from actors.envs.robot import RobotEnv
 from common.registry import ENVIRONMENTS, Environment
 from tests.end_to_end.conftest import SMALL, Stage
+from tests.installed import install
 
 FAILS_AT = 700
 """Pictures that a camera takes before."""
@@ -61,12 +62,8 @@ FREEZING, DARKENING = (
     ("env", "check"), [(FREEZING, "following frames"), (DARKENING, "valid frames")]
 )
 def test_a_camera_that_fails_ends_the_run(stage: Stage, env: Environment, check: str) -> None:
-    installed = stage.folder / "failing_cameras-1.0.dist-info"
-    installed.mkdir()
-    (installed / "METADATA").write_text("Name: failing-cameras\nVersion: 1.0\n")
-    (installed / "entry_points.txt").write_text(
-        f"[ale_robot.environments]\n{env.name} = {__name__}:{env.name.upper()}\n"
-    )
+    place = f"{__name__}:{env.name.upper()}"
+    install(stage.folder, "failing-cameras", "environment", env.name, place)
     own = {flag.partition("=")[0] for flag in SOON}
     small = [flag for flag in SMALL if flag.partition("=")[0] not in own]
     given = ("--local", "--evaluators=0", "--env", env.name, *small, *SOON, "--steps=4000")

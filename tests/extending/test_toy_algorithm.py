@@ -6,15 +6,12 @@ import numpy as np
 from safetensors.numpy import load_file
 
 from tests.end_to_end.conftest import SMALL, Stage
+from tests.installed import install
 
 
 def test_a_toy_algorithm_learns_by_its_name(stage: Stage) -> None:
-    installed = stage.folder / "toy_algorithm-1.0.dist-info"
-    installed.mkdir()
-    (installed / "METADATA").write_text("Name: toy-algorithm\nVersion: 1.0\n")
-    (installed / "entry_points.txt").write_text(
-        "[ale_robot.algorithms]\nrandom_policy = tests.extending.toy_algorithm:RANDOM_POLICY\n"
-    )
+    place = "tests.extending.toy_algorithm:RANDOM_POLICY"
+    install(stage.folder, "toy-algorithm", "algorithm", "random_policy", place)
     learner = stage.learner(
         *("--env", "ale", "--learning.algorithm", "random_policy", "--steps", "300", *SMALL),
         *("--learning.algorithm-settings", "greed=0.5"),

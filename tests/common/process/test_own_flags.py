@@ -11,7 +11,7 @@ from annotated_types import Gt, Le
 from common.process.command_line import RunOptions, parse_run
 from common.process.own_flags import going_on_from
 from common.registry import ALGORITHMS, AlgorithmKind
-from common.run.config import RunConfig
+from common.run.config import RunConfig, all_ranges
 from common.run.presets import PRESETS
 from common.run.stored_config import to_json
 from tests.extending.whole_run import added
@@ -81,6 +81,22 @@ def test_a_stored_run_stays_as_it_is_when_its_package_declares_more() -> None:
     assert own(["--resume"], deep_run("kappa=2.0")) == "kappa=2.0"
 
 
+@pytest.mark.parametrize("given", [[], ["--randomise.all"]])
+def test_settings_that_say_nothing_new_are_no_flag_for_all_ranges(given: list[str]) -> None:
+    stored = deep_run(FULL)
+    arguments = [*given, TEXT, "kappa=2.0 dueling=true"]
+    options, _ = parse_run(RunOptions, "program", arguments, lambda _: stored)
+    assert (options.config.randomise == stored.randomise) == (not given)
+
+
+def test_settings_that_say_more_hide_no_flag_for_all_ranges() -> None:
+    options, _ = parse_run(
+        *(RunOptions, "program", ["--randomise.all", "--learning.algorithm=dqn"]),
+        lambda _: deep_run(FULL),
+    )
+    assert options.config.randomise == all_ranges("ale")
+
+
 def test_other_flags_are_left_alone() -> None:
     assert going_on_from({}, ["--seed", "3", "--flag"]) == ["--seed", "3", "--flag"]
     lacking = ["--seed", "3", "--env"]
@@ -93,6 +109,21 @@ def test_a_robot_has_a_short_flag() -> None:
         *("--play.robot", "nao"),
         *("--play.robot-settings", ""),
     ]
+
+
+@dataclass(frozen=True)
+class Required:
+    size: int
+    name: str = "two words"
+
+
+def test_the_help_tells_those_without_a_default_too(capsys: pytest.CaptureFixture[str]) -> None:
+    with (
+        added(ALGORITHMS, AlgorithmKind("sized", "nowhere:sized", settings=Required)),
+        pytest.raises(SystemExit),
+    ):
+        own(["--learning.algorithm", "sized", "--help"])
+    assert "\n\n  size (integer)\n  name='two words' (text)\n" in capsys.readouterr().out
 
 
 def test_the_help_tells_them(capsys: pytest.CaptureFixture[str]) -> None:
