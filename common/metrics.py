@@ -228,7 +228,7 @@ declare(
                        "the network answers the same to all that it saw recently", quiet=True)),
     Metric("learning/relative_td_error", "ratio", "significant",
            "Mean squared TD error of the recent minibatches, divided by the variance of the "
-           "rewards",
+           "targets",
            gate="relative_TD_error",
            bound=Bound("relative TD error", "<", 1.0,
                        "the network predicts no better than one that sees nothing", stops=False)),

@@ -74,9 +74,9 @@ class RecordedStep:
             torch._foreach_copy_(_tensors(self._input), _tensors(prepared))
         self._launch()
         # Copies, because the next call overwrites them, and callers may look at an update later.
-        loss, priorities, metrics = self._output
+        loss, priorities, td_errors, targets, metrics = self._output
         copies = {name: value.clone() for name, value in metrics.items()}
-        return Update(loss.clone(), priorities.clone(), copies)
+        return Update(loss.clone(), priorities.clone(), td_errors.clone(), targets.clone(), copies)
 
     def _run(self) -> None:
         self._output = self.step(self._input)

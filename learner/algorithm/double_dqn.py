@@ -42,11 +42,12 @@ class DoubleDqnLoss:
             q_t_online = online(prepared.pixels_t, batch.x_t) if self._double else None
         q_tm1 = online(prepared.pixels_tm1, batch.x_tm1)
         v_t = bootstrap_values(q_t_target, q_t_online)
-        errors = td_errors(q_tm1, batch.a_tm1, batch.r_t, batch.discount_t, v_t)
+        targets = td_targets(batch.r_t, batch.discount_t, v_t)
+        errors = td_errors(q_tm1, batch.a_tm1, targets)
         outputs = q_tm1.shape[1] if self._over_outputs else 1
         loss = td_loss(errors, batch.weights, self._kind, outputs)
         errors = errors.detach()
-        return Update(loss, errors.abs(), {"td_error_squared": errors.square().mean()})
+        return Update(loss, errors.abs(), errors, targets)
 
 
 def bootstrap_values(q_t_target: Tensor, q_t_online: Tensor | None) -> Tensor:
@@ -62,18 +63,26 @@ def bootstrap_values(q_t_target: Tensor, q_t_online: Tensor | None) -> Tensor:
     return q_t_target.gather(1, chooser.argmax(dim=1, keepdim=True)).squeeze(1)
 
 
-def td_errors(q_tm1: Tensor, a_tm1: Tensor, r_t: Tensor, discount_t: Tensor, v_t: Tensor) -> Tensor:
-    """Returns δ = r + γ·v − Q(s, a) with the gradient only in Q, ``float32 [batch]``.
+def td_targets(r_t: Tensor, discount_t: Tensor, v_t: Tensor) -> Tensor:
+    """Returns r + γ·v without a gradient, ``float32 [batch]``.
 
     Args:
-        q_tm1: ``float32 [batch, actions]``.
-        a_tm1: ``int64 [batch]``.
         r_t: n-step return up to ``s_t``, ``float32 [batch]``.
         discount_t: discount of ``v_t``, 0 where the episode terminated, ``float32 [batch]``.
         v_t: value of ``s_t``, ``float32 [batch]``.
     """
-    target = (r_t + discount_t * v_t).detach()
-    return target - q_tm1.gather(1, a_tm1.unsqueeze(1)).squeeze(1)
+    return (r_t + discount_t * v_t).detach()
+
+
+def td_errors(q_tm1: Tensor, a_tm1: Tensor, targets: Tensor) -> Tensor:
+    """Returns δ, ``targets`` less Q(s, a), ``float32 [batch]``.
+
+    Args:
+        q_tm1: ``float32 [batch, actions]``.
+        a_tm1: ``int64 [batch]``.
+        targets: ``float32 [batch]``.
+    """
+    return targets - q_tm1.gather(1, a_tm1.unsqueeze(1)).squeeze(1)
 
 
 def td_loss(

@@ -51,9 +51,12 @@ class Update(NamedTuple):
     priorities: Tensor
     """Priorities of the transitions in prioritised replay, ``float32 [batch]``, not negative. A
     transition that makes the loss non-finite has a non-finite priority."""
-    metrics: Mapping[str, Tensor]
-    """Scalars by name, with the same names at every update; ``td_error_squared`` is the mean δ² of
-    the values before the update."""
+    td_errors: Tensor
+    """δ, the targets less the values before the update, ``float32 [batch]``."""
+    targets: Tensor
+    """What those values should have been, ``float32 [batch]``."""
+    metrics: Mapping[str, Tensor] = {}
+    """The algorithm's own scalars by name, with the same names at every update."""
 
 
 class Algorithm(Protocol):

@@ -49,12 +49,9 @@ class QuantileLoss:
         quantiles_tm1 = online.atoms(prepared.pixels_tm1, batch.x_tm1)
         predicted = of_action(quantiles_tm1, batch.a_tm1)
         losses = quantile_huber(predicted, targets)
-        errors = (targets.mean(dim=1) - predicted.mean(dim=1)).detach()
-        return Update(
-            (batch.weights * losses).mean(),
-            errors.abs(),
-            {"td_error_squared": errors.square().mean()},
-        )
+        means = targets.mean(dim=1)
+        errors = means - predicted.detach().mean(dim=1)
+        return Update((batch.weights * losses).mean(), errors.abs(), errors, means)
 
 
 def of_action(quantiles: Tensor, actions: Tensor) -> Tensor:

@@ -6,10 +6,9 @@ Each check is a bound on a figure in `common.metrics`, and would have failed on 
 
 A check that keeps failing ends the run (`learner.health_guard`). These only warn:
 
-- *relative TD error*: a blind network has 1. But in a run that learned Pong well (350,000 steps,
-  best test −12.3) it crept from 0.20 to 0.66 in half an hour, because better play makes rewards,
-  and with them their variance, rarer. In a game with rare rewards a healthy run can pass 1.
-  A fault that makes it 1 fails other checks too.
+- *relative TD error*: a network that answers the same to all that it sees has 1 or more, and one
+  that has learned a game about 0.1. But one that sees well may have 1 while it has learned nothing
+  yet, as where a first reward takes long to find.
 - *press p99 ms*: an agent can learn with hands that are somewhat too slow, if it is told where they
   are. Hands that press too late, or never, fail *keys as commanded*.
 - *refused chunks* and *excess chunks*: sums over the whole run, which one mistake fails for ever.

@@ -1,4 +1,4 @@
-"""Running means over the latest updates: loss, the algorithm's metrics, rewards, pixels."""
+"""Running means over the latest updates: loss, TD errors, pixels, and the algorithm's metrics."""
 
 import torch
 
@@ -28,8 +28,9 @@ class RunningMeans:
         figures = {
             **result.metrics,
             "loss": result.loss,
-            "reward": batch.r_t.mean(),
-            "reward_squared": batch.r_t.square().mean(),
+            "td_error_squared": result.td_errors.square().mean(),
+            "target": result.targets.mean(),
+            "target_squared": result.targets.square().mean(),
             "pixel_deviation": batch.s_tm1[:, -1].float().std(dim=(1, 2)).mean(),
         }
         if self._sums is not None and tuple(figures) != self._names:
@@ -47,16 +48,15 @@ class RunningMeans:
     def values(self) -> dict[str, Value]:
         """Returns the means under ``learning/``; none before the first update.
 
-        The relative TD error is the mean of δ², divided by the variance of the (n-step, discounted)
-        rewards in the same samples; it is unknown if that is 0. The loss cannot take the place of
-        δ²: Huber's is half of it, and the 2017 loss is divided by the number of actions, so both
-        would pass a blind network.
+        The relative TD error is the mean of δ², divided by the variance of the targets in the same
+        samples: the share of that variance that the values leave unexplained. A network that
+        answers the same to all that it sees has 1 or more. It is unknown if the variance is 0.
         """
         if self._sums is None:
             return {}
         means = dict(zip(self._names, (self._sums / self._weight).tolist(), strict=True))
-        reward, square = means.pop("reward"), means.pop("reward_squared")
-        variance = max(square - reward * reward, 0.0)
+        target, square = means.pop("target"), means.pop("target_squared")
+        variance = max(square - target * target, 0.0)
         error = means["td_error_squared"] / variance if variance else None
         return {
             "learning/relative_td_error": error,

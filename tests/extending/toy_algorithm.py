@@ -34,9 +34,9 @@ class RandomPolicyLoss:
         batch, (v_t,) = prepared.batch, prepared.target_outputs
         q_tm1 = online(prepared.pixels_tm1, batch.x_tm1)
         taken = q_tm1.gather(1, batch.a_tm1[:, None]).squeeze(1)
-        squares = (batch.r_t + batch.discount_t * v_t - taken).square()
-        done = squares.detach()
-        return Update(squares.mean(), done.sqrt(), {"td_error_squared": done.mean()})
+        targets = batch.r_t + batch.discount_t * v_t
+        errors = targets - taken
+        return Update(errors.square().mean(), errors.detach().abs(), errors.detach(), targets)
 
 
 def random_policy(

@@ -22,7 +22,9 @@ def guard() -> LossGuard:
 
 
 def add(losses: LossGuard, number: int, loss: float = math.nan) -> None:
-    losses.add(number, np.arange(2), Update(torch.tensor(loss), torch.tensor([1.0, loss]), {}))
+    priorities = torch.tensor([1.0, loss])
+    update = Update(torch.tensor(loss), priorities, td_errors=priorities, targets=priorities)
+    losses.add(number, np.arange(2), update)
 
 
 @pytest.mark.parametrize(("last", "diverged"), [(199, True), (200, False)])

@@ -178,7 +178,9 @@ class World:
         weight = float("nan") if spoilt else self.updates
         with torch.no_grad():
             self.network.weight.fill_(weight)
-        return Update(torch.tensor(loss), torch.tensor(self.priorities_of(loss)), {})
+        return Update(
+            torch.tensor(loss), torch.tensor(self.priorities_of(loss)), *torch.zeros(2, 2)
+        )
 
     # ---------------------------------------------------------------- evaluation
 

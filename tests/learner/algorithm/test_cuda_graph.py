@@ -96,7 +96,7 @@ def test_a_recording_reads_where_each_minibatch_is_copied_to() -> None:
         tensors = _tensors(prepared)
         places.append([each.data_ptr() for each in tensors])
         seen.append([each.clone() for each in tensors])
-        return Update(torch.zeros(()), torch.zeros(8), {})
+        return Update(torch.zeros(()), *torch.zeros(3, 8))
 
     recorded = _replayed(step)
     torch.manual_seed(0)
@@ -121,11 +121,14 @@ def test_a_recording_reads_where_each_minibatch_is_copied_to() -> None:
 def test_what_a_recording_returned_outlasts_the_next_launch() -> None:
     """A recording writes into the same tensors at each launch."""
     algorithm = _learner(Device(CPU, bfloat16=False))
-    written = Update(torch.zeros(()), torch.zeros(8), {"most": torch.zeros(())})
+    most = {"most": torch.zeros(())}
+    written = Update(torch.zeros(()), torch.zeros(8), torch.zeros(8), torch.zeros(8), most)
 
     def step(prepared: Prepared) -> Update:
         written.loss.copy_(prepared.batch.r_t.sum())
         written.priorities.copy_(prepared.batch.r_t.abs())
+        written.td_errors.copy_(prepared.batch.r_t)
+        written.targets.copy_(prepared.batch.r_t + 1)
         written.metrics["most"].copy_(prepared.batch.r_t.max())
         return written
 
@@ -135,6 +138,8 @@ def test_what_a_recording_returned_outlasts_the_next_launch() -> None:
     for batch, update in zip(batches[3:], updates[3:], strict=True):
         assert torch.equal(update.loss, batch.r_t.sum())
         assert torch.equal(update.priorities, batch.r_t.abs())
+        assert torch.equal(update.td_errors, batch.r_t)
+        assert torch.equal(update.targets, batch.r_t + 1)
         assert torch.equal(update.metrics["most"], batch.r_t.max())
 
 

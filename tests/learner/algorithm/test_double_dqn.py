@@ -4,7 +4,7 @@ import pytest
 import torch
 from torch import tensor
 
-from learner.algorithm.double_dqn import bootstrap_values, td_errors, td_loss
+from learner.algorithm.double_dqn import bootstrap_values, td_errors, td_loss, td_targets
 
 Q_TARGET = tensor([[1.0, 3.0, 2.0], [0.0, -1.0, -2.0]])
 Q_ONLINE = tensor([[5.0, 4.0, 6.0], [1.0, 2.0, 0.0]])
@@ -20,21 +20,19 @@ def test_double_dqn_lets_the_online_network_choose() -> None:
 
 
 def test_td_error() -> None:
-    errors = td_errors(
-        q_tm1=tensor([[0.5, 1.5], [2.0, 4.0]]),
-        a_tm1=tensor([1, 0]),
-        r_t=tensor([1.0, -1.0]),
-        discount_t=tensor([0.9, 0.0]),
-        v_t=tensor([2.0, 100.0]),
+    targets = td_targets(
+        r_t=tensor([1.0, -1.0]), discount_t=tensor([0.9, 0.0]), v_t=tensor([2.0, 100.0])
     )
-    # 1 + 0.9·2 - 1.5, and at a terminal -1 + 0 - 2.
-    assert errors.tolist() == pytest.approx([1.3, -3.0])
+    # 1 + 0.9·2, and at a terminal -1.
+    assert targets.tolist() == pytest.approx([2.8, -1.0])
+    errors = td_errors(tensor([[0.5, 1.5], [2.0, 4.0]]), tensor([1, 0]), targets)
+    assert errors.tolist() == pytest.approx([2.8 - 1.5, -1 - 2])
 
 
 def test_the_gradient_flows_through_the_chosen_value_alone() -> None:
     q_tm1 = tensor([[0.5, 1.5]], requires_grad=True)
     v_t = tensor([2.0], requires_grad=True)
-    errors = td_errors(q_tm1, tensor([1]), tensor([0.0]), tensor([0.9]), v_t)
+    errors = td_errors(q_tm1, tensor([1]), td_targets(tensor([0.0]), tensor([0.9]), v_t))
     errors.sum().backward()  # type: ignore[no-untyped-call]
     assert q_tm1.grad is not None
     assert q_tm1.grad.tolist() == [[0.0, -1.0]]

@@ -116,8 +116,8 @@ def test_an_update_is_the_plain_one(target: str, device: Device) -> None:
     )
     errors = targets.mean(1) - theta.mean(1)
     torch.testing.assert_close(result.priorities, errors.abs(), rtol=rough, atol=rough)
-    squared = result.metrics["td_error_squared"]
-    torch.testing.assert_close(squared, errors.square().mean(), rtol=rough, atol=rough)
+    torch.testing.assert_close(result.td_errors, errors, rtol=rough, atol=rough)
+    torch.testing.assert_close(result.targets, targets.mean(1), rtol=rough, atol=rough)
 
 
 def test_it_learns_the_distribution_of_a_random_reward() -> None:

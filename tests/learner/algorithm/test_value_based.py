@@ -57,7 +57,8 @@ def test_an_update_is_the_plain_one(target: Literal["dqn", "double"]) -> None:
         chooser = other if target == "dqn" else plain
         best = chooser(batch.s_t, batch.x_t).argmax(1)
         values = other(batch.s_t, batch.x_t)[rows, best]
-    errors = batch.r_t + 0.9 * values - plain(batch.s_tm1, batch.x_tm1)[rows, batch.a_tm1]
+    targets = batch.r_t + 0.9 * values
+    errors = targets - plain(batch.s_tm1, batch.x_tm1)[rows, batch.a_tm1]
     loss = errors.square().mean()
     optimizer = torch.optim.RMSprop(plain.parameters(), lr=1e-3, alpha=0.95, eps=1.5e-4)
     loss.backward()
@@ -65,8 +66,8 @@ def test_an_update_is_the_plain_one(target: Literal["dqn", "double"]) -> None:
     assert float(result.loss) == pytest.approx(float(loss.detach()), rel=1e-4)
     expected = errors.detach()
     torch.testing.assert_close(result.priorities, expected.abs(), rtol=1e-3, atol=1e-4)
-    squared = result.metrics["td_error_squared"]
-    torch.testing.assert_close(squared, expected.square().mean(), rtol=1e-3, atol=1e-4)
+    torch.testing.assert_close(result.td_errors, expected, rtol=1e-3, atol=1e-4)
+    torch.testing.assert_close(result.targets, targets, rtol=1e-3, atol=1e-4)
     for ours, theirs in zip(algorithm.online.parameters(), plain.parameters(), strict=True):
         torch.testing.assert_close(ours, theirs, rtol=1e-3, atol=1e-5)
 
@@ -188,9 +189,7 @@ def test_importance_weights_scale_the_loss_and_nothing_else() -> None:
     )
     assert float(half.loss) == pytest.approx(float(whole.loss) / 2)
     torch.testing.assert_close(half.priorities, whole.priorities)
-    assert float(half.metrics["td_error_squared"]) == pytest.approx(
-        float(whole.metrics["td_error_squared"])
-    )
+    torch.testing.assert_close(half.td_errors, whole.td_errors)
 
 
 def test_a_sync_of_the_target_leaves_the_online_copy_alone(

@@ -7,9 +7,11 @@ from learner.algorithm.interface import Update
 from learner.telemetry.running_means import EVERY, HORIZON, RunningMeans
 from tests.learner.small_batches import random_batch
 
+TARGETS = torch.tensor([1.0, -1.0, 0.0, 0.0, 2.0, 0.0, 0.0, 0.0])
 
-def updated(loss: float, errors: torch.Tensor) -> Update:
-    return Update(torch.tensor(loss), errors, {"td_error_squared": errors.square().mean()})
+
+def updated(loss: float, errors: torch.Tensor, targets: torch.Tensor = TARGETS) -> Update:
+    return Update(torch.tensor(loss), errors.abs(), errors, targets)
 
 
 def test_nothing_is_known_before_the_first_update() -> None:
@@ -20,9 +22,9 @@ def test_means_weigh_the_latest_most() -> None:
     means = RunningMeans()
     losses = [1.0, 2.0, 6.0]
     batches = [random_batch(seed=seed) for seed in range(3)]
-    errors = [torch.full((8,), value) for value in (1.0, 3.0, 0.0)]
-    for loss, error, batch in zip(losses, errors, batches, strict=True):
-        means.add(batch, updated(loss, error))
+    errors = [torch.full((8,), value) for value in (1.0, -3.0, 0.0)]
+    for scale, loss, error, batch in zip((1, 2, 3), losses, errors, batches, strict=True):
+        means.add(batch, updated(loss, error, scale * TARGETS))
         for _ in range(EVERY - 1):
             means.add(batch, updated(1e9, error))  # not looked at
     keep = (1 - 1 / HORIZON) ** EVERY
@@ -31,27 +33,33 @@ def test_means_weigh_the_latest_most() -> None:
     def mean(values: list[float]) -> float:
         return sum(w * v for w, v in zip(weights, values, strict=True)) / sum(weights)
 
-    rewards = [batch.r_t for batch in batches]
-    first = mean([float(r.mean()) for r in rewards])
-    second = mean([float(r.square().mean()) for r in rewards])
     pixels = mean(
         [sum(float(frame.float().std()) for frame in batch.s_tm1[:, -1]) / 8 for batch in batches]
     )
+    # The targets' mean is 2/8 and their mean square 6/8, before they are scaled.
+    variance = mean([0.75, 4 * 0.75, 9 * 0.75]) - mean([0.25, 0.5, 0.75]) ** 2
     expected = {
         "learning/loss": mean(losses),
         "learning/td_error_squared": mean([1.0, 9.0, 0.0]),
-        "learning/relative_td_error": mean([1.0, 9.0, 0.0]) / (second - first**2),
+        "learning/relative_td_error": mean([1.0, 9.0, 0.0]) / variance,
         "learning/pixel_deviation": pixels,
     }
     assert means.values() == pytest.approx(expected, rel=1e-4)
 
 
-def test_rewards_that_do_not_vary_say_nothing() -> None:
+def test_targets_that_do_not_vary_say_nothing() -> None:
     means = RunningMeans()
-    batch = random_batch(seed=1)
-    batch.r_t.fill_(0.5)
-    means.add(batch, updated(1.0, torch.ones(8)))
+    means.add(random_batch(seed=1), updated(1.0, torch.ones(8), torch.full((8,), 0.5)))
     assert means.values()["learning/relative_td_error"] is None
+
+
+@pytest.mark.parametrize("answer", [0.0, 0.25, 7.0])
+def test_who_answers_the_same_to_all_explains_nothing(answer: float) -> None:
+    """Of all constants, the targets' mean has the least error: their variance."""
+    means = RunningMeans()
+    means.add(random_batch(seed=1), updated(1.0, TARGETS - answer))
+    expected = 1 + (answer - 0.25) ** 2 / (0.75 - 0.25**2)
+    assert means.values()["learning/relative_td_error"] == pytest.approx(expected)
 
 
 def test_what_an_algorithm_tells_is_a_figure_of_its_own() -> None:
