@@ -51,7 +51,8 @@ def find_run(
 ) -> tuple[RunKeys, RunConfig]:
     """Returns the run called ``name``, or the only run, at the hub of ``transport``.
 
-    Without a name, announcements of other versions at a shared hub are logged and skipped.
+    Without a name, runs of other versions at a shared hub are logged and skipped, and so are, in
+    silence, runs whose settings cannot work here, as long as another one is found.
 
     Args:
         certificates: folder of the certificates with which this process connected. A hub does not
@@ -59,7 +60,7 @@ def find_run(
 
     Raises:
         InputError: there is no run within ``patience`` seconds, or several, or it has another
-            version.
+            version, or its settings cannot work here.
         KeyboardInterrupt: ``stopped`` became true.
     """
     if name is not None:
@@ -68,6 +69,7 @@ def find_run(
     malformed: dict[str, InputError] = {}
     while True:
         found: dict[str, Announcement] = {}
+        unfit: dict[str, InputError] = {}
         for answer in transport.gather(RunKeys(name or "*").config, _DEADLINE):
             try:
                 told = Announcement.decode(answer.payload)
@@ -82,6 +84,9 @@ def find_run(
                     _log.warning("what %s announces is passed over: %s", answer.key, error)
                 malformed[answer.key] = reason
                 continue
+            except InputError as error:
+                unfit[answer.key] = error
+                continue
             if answer.key == RunKeys(told.run).config:  # else it claims another run's name
                 found[told.run] = told
         if len(found) > 1:
@@ -91,6 +96,8 @@ def find_run(
         if found:
             _, told = found.popitem()
             return RunKeys(told.run, told.run_id), told.config
+        if unfit:
+            raise unfit[min(unfit)]
         if stopped():
             raise KeyboardInterrupt
         if time.monotonic() - began >= patience:

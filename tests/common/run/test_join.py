@@ -1,6 +1,7 @@
 """Finding a run at a hub."""
 
 import threading
+from dataclasses import replace
 from pathlib import Path
 from unittest.mock import Mock
 
@@ -48,6 +49,28 @@ def test_of_several_runs_one_must_be_named(hub: Transport, client: Transport) ->
     announce(hub, "two", announcement("two", FAST))
     announce(hub, "one", announcement("one", FAST))
     with pytest.raises(InputError, match=r"several runs \(one, two\): name one with --run"):
+        find_run(client, None, PATIENCE, never)
+
+
+def test_a_run_that_cannot_be_played_here_is_passed_over_for_one_that_can(
+    hub: Transport, client: Transport
+) -> None:
+    # Its package is not installed here, or has another version.
+    unknown = replace(FAST, env="unheard-of")
+    announce(hub, "b", Announcement("b", unknown, 6, "id-b").encode())
+    announce(hub, "a", Announcement("a", FAST, FAST.action_count + 1, "id-a").encode())
+    announce(hub, "one", announcement("one", FAST))
+    assert find_run(client, None, PATIENCE, never) == (RunKeys("one", "id-one"), FAST)
+    with pytest.raises(InputError, match="unheard-of"):
+        find_run(client, "b", PATIENCE, never)
+    with pytest.raises(InputError, match=r"has 7 actions at the hub and 6 here"):
+        find_run(client, "a", PATIENCE, never)
+
+
+def test_of_runs_that_cannot_be_played_here_one_is_told(hub: Transport, client: Transport) -> None:
+    announce(hub, "b", Announcement("b", replace(FAST, env="unheard-of"), 6, "id-b").encode())
+    announce(hub, "a", Announcement("a", FAST, FAST.action_count + 1, "id-a").encode())
+    with pytest.raises(InputError, match=r"has 7 actions at the hub and 6 here"):
         find_run(client, None, PATIENCE, never)
 
 
