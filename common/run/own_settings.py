@@ -37,8 +37,8 @@ EXTENSIONS = (
 
 def own_settings(kind: type[T], text: str, where: str = "") -> T:
     """Returns the ``kind`` that ``text`` describes; what it does not name has its default. Raises
-    InputError if a setting is unknown, given twice, not of its type, or out of bounds; or if one
-    without a default is not named.
+    InputError if a setting is unknown, given twice, not of its type, or out of bounds; if one
+    without a default is not named; or if the ``__post_init__`` of ``kind`` refuses them.
 
     Args:
         text: pairs of name and value, with ``=`` between them, separated by blanks. A value with
@@ -58,7 +58,10 @@ def own_settings(kind: type[T], text: str, where: str = "") -> T:
         if name in given:
             raise InputError(f"{where} has {name} twice: omit one of them.")
         given[name] = _value(hints[name], value)
-    return from_mapping(kind, defaults_of(kind) | given, where)
+    try:
+        return from_mapping(kind, defaults_of(kind) | given, where)
+    except (TypeError, ArithmeticError) as error:  # of `__post_init__`, which another package wrote
+        raise InputError(f"{where} is {text!r}: {error}.") from None
 
 
 def merged(kept: str, given: str | None, where: str) -> str:

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from common.checked import Amount, Patience, Values
 from common.errors import InputError
+from common.process.exit_codes import BAD_INPUT
 from common.registry import ALGORITHMS, ROBOTS, AlgorithmKind
 from common.run.conditions import PlayConfig
 from common.run.config import LearningConfig, RunConfig
@@ -105,6 +106,34 @@ def test_what_is_wrong_is_told(text: str, sentence: str) -> None:
     with pytest.raises(InputError) as error:
         own_settings(Kind, text, "s")
     assert str(error.value) == sentence
+
+
+@dataclass(frozen=True)
+class Judging:
+    """Settings that judge each other, as they can only after all are known."""
+
+    size: int = 1
+    parts: int = 1
+
+    def __post_init__(self) -> None:
+        if self.size < 0:
+            raise TypeError("a size counts something")
+        if self.size % self.parts:
+            raise ValueError("size should be a multiple of parts")
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("size=-1", "s is 'size=-1': a size counts something."),
+        ("parts=0", "s is 'parts=0': integer modulo by zero."),
+        ("size=3 parts=2", "size should be a multiple of parts."),
+    ],
+)
+def test_what_a_declaration_refuses_by_itself_is_told(text: str, sentence: str) -> None:
+    with pytest.raises(InputError) as error:
+        own_settings(Judging, text, "s")
+    assert (str(error.value), error.value.exit_code) == (sentence, BAD_INPUT)
 
 
 def test_an_error_names_the_declaration_where_no_setting_is_named() -> None:
