@@ -25,7 +25,7 @@ from common.transport.interface import Transport
 from common.transport.zenoh_transport import connect
 from common.version import VERSION
 from learner.telemetry.health_checks import reasons
-from learner.telemetry.sinks.formats import UNKNOWN, decimal, ended, fill, one_line, written
+from learner.telemetry.sinks.formats import UNKNOWN, decimal, ended, figure, fill, one_line, written
 from replay.chunk_statistics import Progress
 from replay.messages import ProgressRequest
 
@@ -131,7 +131,7 @@ def _rows(learner: RunStatus | None) -> Iterator[tuple[str, ...]]:
     if learner is None:
         yield ("learner", "does not answer", *[UNKNOWN] * 4)
         return
-    state = str(learner.values.get("run/phase"))
+    state = figure("run/phase", learner.values)
     rate = fill("{learning/updates_per_second} updates/s", learner.values)
     yield "learner", state, learner.version, rate, UNKNOWN, _ago(learner.silent_for)
     for actor in learner.actors:

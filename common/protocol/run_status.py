@@ -7,6 +7,8 @@ from annotated_types import MaxLen
 from pydantic import AllowInfNan
 
 from common.checked import Amount, Count, Name, Rows
+from common.errors import MessageError
+from common.metrics import METRICS
 from common.protocol.actor_stats import Role
 from common.protocol.message import Message
 
@@ -59,3 +61,9 @@ class RunStatus(Message):
     """Figures by their keys in `common.metrics`."""
     checks: Annotated[Rows[HealthCheck], MaxLen(1_000)]
     actors: Annotated[Rows[ActorStatus], MaxLen(MOST_ACTORS)]
+
+    def check(self) -> None:
+        """See `Message.check`: refuses a text where a figure is declared as a number."""
+        for key, value in self.values.items():
+            if isinstance(value, str) and key in METRICS and METRICS[key].form != "text":
+                raise MessageError(f"{key} should be a number")

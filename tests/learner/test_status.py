@@ -145,6 +145,13 @@ def test_what_liars_count_hides_nothing(client: Transport) -> None:
     assert report.learner.values["actors/steps"] == MAX_COUNT
 
 
+@pytest.mark.parametrize("key", ["run/epoch", "learning/updates_per_second"])
+def test_a_text_where_a_number_belongs_is_another_versions(client: Transport, key: str) -> None:
+    StatusSink(client, KEYS).write(snapshot({key: "many"}))
+    with pytest.raises(Unreachable, match=f"protocol \\({key} should be a number\\): install the same"):
+        ask(client, KEYS, "")
+
+
 def test_a_red_check_and_a_loop_that_hangs_are_told(client: Transport) -> None:
     clock = Clock(100.0)
     sink = StatusSink(client, KEYS, clock)
