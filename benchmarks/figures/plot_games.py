@@ -60,6 +60,5 @@ def games_figure(path: Path) -> Figure:
         each.set_title(game.replace("_", " "), loc="left", fontsize=10, color=INK)
     figure.supxlabel("agent steps, thousands", fontsize=10, color=INK)
     figure.supylabel("mean score of training games", fontsize=10, color=INK)
-    # Taken from the panel with the most entries; not every panel shows a human's score.
-    legend(figure, max(axes, key=lambda each: len(each.get_legend_handles_labels()[1])))
+    legend(figure)
     return figure

@@ -140,7 +140,7 @@ def epochs_figure(groups: Sequence[Group]) -> Figure:
     for axes in (rewards, values):
         axes.set_xlim(left=0)
         axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-    legend(figure, rewards)
+    legend(figure)
     return figure
 
 
@@ -171,7 +171,7 @@ def progress_figure(groups: Sequence[Group]) -> Figure:
         axes.set_xlim(left=0)
     label(by_steps, f"agent steps of training ({steps_name})", _reward_name(groups))
     label(by_time, f"wall clock ({time_name})", "")
-    legend(figure, by_steps)
+    legend(figure)
     return figure
 
 

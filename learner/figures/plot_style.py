@@ -122,7 +122,7 @@ def line_figure(
     figure, (axes,) = panels(1, width, height)
     draw_series(axes, series, means=means)
     label(axes, x, y)
-    legend(figure, axes)
+    legend(figure)
     return figure, axes
 
 
@@ -195,9 +195,13 @@ def draw_random(axes: Axes, rewards: Sequence[float]) -> None:
     axes.axhline(mean, color=RANDOM, linewidth=1.3, label=name, zorder=2)
 
 
-def legend(figure: Figure, axes: Axes) -> None:
-    """Adds a legend of the lines of ``axes`` above the figure, in as many columns as fit."""
-    handles, labels = axes.get_legend_handles_labels()
+def legend(figure: Figure) -> None:
+    """Adds a legend above the figure, in as many columns as fit: of the axes with most lines, none
+    if nothing was drawn."""
+    named = (axes.get_legend_handles_labels() for axes in figure.axes)
+    handles, labels = max(named, key=lambda each: len(each[1]))
+    if not labels:
+        return
     widest = _HANDLE + _LETTER * max(map(len, labels))
     columns = max(int(figure.get_figwidth() / widest), 1)
     figure.legend(

@@ -117,6 +117,18 @@ def test_rewards_can_be_those_of_the_training(tmp_path: Path) -> None:
     assert "tests" in draw(Options((path,))).axes[0].get_ylabel()
 
 
+@pytest.mark.parametrize(("meanq", "told"), [(0.5, ["pong"]), (None, None)])
+def test_a_run_in_which_no_game_has_ended_is_drawn_without_rewards(
+    tmp_path: Path, meanq: float | None, told: list[str] | None
+) -> None:
+    path = tmp_path / "pong.csv"
+    EpochTable(path).append(replace(epoch_row((), phase="train", epoch=1), meanq=meanq))
+    figure = draw(Options((path,)))
+    assert [lines(axes) for axes in figure.axes] == [[], [[(1, 0.5)]] if meanq else []]
+    assert (names(figure) if figure.legends else None) == told
+    assert not draw(Options((path,), figure="progress")).legends
+
+
 def test_the_tables_of_2017_are_drawn(tmp_path: Path) -> None:
     path = tmp_path / "pong_sync.csv"
     header = ",".join(ROW.__dataclass_fields__)
