@@ -63,8 +63,11 @@ def publish(options: Options, stop: threading.Event) -> dict[str, Any]:
         stop: ends the evaluation early once it is set.
 
     Raises:
-        InputError: the run lacks the weights or what the card needs, or the evaluation was stopped.
+        InputError: the run lacks the weights or what the card needs, the output has no name, or
+            the evaluation was stopped.
     """
+    if options.output.name in ("", ".."):
+        raise InputError(f"{options.output} names no file: give -o a name, such as policies/NAME.")
     if not options.run.is_dir():
         raise InputError(f"{options.run} does not exist: name the folder of a run.")
     folder = RunFolder(options.run.parent, options.run.name)

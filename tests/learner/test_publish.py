@@ -95,6 +95,13 @@ def test_no_conditions_are_drawn_for_the_scores_of_the_card(
     assert card["config"]["randomise"]["latency"] == 4
 
 
+@pytest.mark.parametrize("output", [".", "/", "..", "policies/.."])
+def test_an_output_without_a_name_is_refused(tmp_path: Path, output: str) -> None:
+    options = Options(_run(tmp_path / "small"), Path(output))
+    with pytest.raises(InputError, match="names no file: give -o a name"):
+        publish(options, threading.Event())
+
+
 def test_a_run_without_a_test_is_told(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="name the folder of a run"):
         publish(Options(run=tmp_path / "none", output=tmp_path / "policy"), threading.Event())
