@@ -17,6 +17,7 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import closing
 from dataclasses import asdict, dataclass, replace
+from itertools import count
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -50,8 +51,8 @@ _ALIKE = (
 _DEADLINE = 5.0
 """Seconds without a reply after which a chunk is sent again."""
 _PAUSE = 0.2
-_PATIENCE = 10.0
-"""Seconds without a reply after which people are told so."""
+_PATIENCE = 50
+"""Number of pauses without a reply after which people are told so."""
 
 
 @dataclass(frozen=True)
@@ -203,22 +204,23 @@ class Demonstrations:
         refusals: list[str] = []
 
         def settle(outcome: Envelope | MessageError) -> None:
-            if isinstance(outcome, MessageError):
-                refusals.append(str(outcome))
-            elif Ack.decode(outcome.payload).status == "refused":
-                refusals.append("it serves another run")
+            try:
+                if isinstance(outcome, MessageError):
+                    raise outcome
+                if Ack.decode(outcome.payload).status == "refused":
+                    refusals.append("it serves another run")
+            except MessageError as error:  # a refusal, or a malformed reply
+                refusals.append(str(error))
 
         requester = transport.requester(keys.insert(DEMONSTRATIONS), _DEADLINE)
         presence = transport.announce(keys.live("actor", DEMONSTRATIONS))
         window = Window(requester, settle)
 
         def wait(most: int) -> bool:
-            patience = _PATIENCE
-            while not (stop.is_set() or refusals):
-                if window.wait(most, _PAUSE):
+            for pauses in count(1):
+                if stop.is_set() or refusals or window.wait(most, _PAUSE):
                     break
-                patience -= _PAUSE
-                if -_PAUSE < patience <= 0:
+                if pauses == _PATIENCE:
                     tell("the replay does not answer; the demonstrations wait for it.")
             if refusals:
                 raise InputError(f"the replay refused a demonstration: {refusals[0]}.")

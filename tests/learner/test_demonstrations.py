@@ -159,6 +159,16 @@ def test_a_stop_ends_the_sending_and_a_replay_of_another_run_refuses(tmp_path: P
         assert 1 <= buffer.progress(0).refused <= config.stream.window
 
 
+def test_a_malformed_reply_to_a_demonstration_is_told(tmp_path: Path) -> None:
+    record(tmp_path / "d", SCRIPT, 48)
+    found = Demonstrations(tmp_path / "d", run_config())
+    hub = InProcessHub()
+    with hub.connect() as server, hub.connect() as client:
+        server.serve(RunKeys("r").insert("*"), lambda _: b"garbage")
+        with pytest.raises(InputError, match=r"^the replay refused a demonstration: "):
+            found.insert(client, RunKeys("r", "run"), threading.Event(), print)
+
+
 def test_a_recording_that_is_changed_while_it_is_read_is_refused(tmp_path: Path) -> None:
     config = run_config()
     record(tmp_path / "d", SCRIPT, 48)
@@ -175,7 +185,7 @@ def test_a_recording_that_is_changed_while_it_is_read_is_refused(tmp_path: Path)
 def test_a_replay_that_does_not_answer_is_waited_for_in_words(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(demonstrations, "_PATIENCE", 0.3)
+    monkeypatch.setattr(demonstrations, "_PATIENCE", 2)
     record(tmp_path / "d", SCRIPT, 48)
     found = Demonstrations(tmp_path / "d", run_config())
     stop = threading.Event()
