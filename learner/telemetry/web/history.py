@@ -1,6 +1,7 @@
 """The curves of a run so far, for browsers that open its page later, in a bounded number of
 points."""
 
+import secrets
 from collections.abc import Iterable
 from typing import Any
 
@@ -23,7 +24,8 @@ class History:
         self._most = most
         self._every = 1
         self._offered = 0
-        self._thinned = 0
+        self._version = secrets.randbelow(10**8)
+        """Changes when points are dropped, and differs from that of the page of another process."""
         self._steps: list[int] = []
         self._values: dict[str, list[float | None]] = {key: [] for key in keys}
 
@@ -40,16 +42,16 @@ class History:
             for curve in self._values.values():
                 del curve[1::2]
             self._every *= 2
-            self._thinned += 1
+            self._version += 1
 
-    def since(self, thinned: int, count: int) -> dict[str, Any]:
+    def since(self, version: int, count: int) -> dict[str, Any]:
         """Returns the points after the first ``count``, of JSON's types.
 
-        If points were dropped since the caller got ``thinned``, all points are returned.
+        If the caller has points of another ``version``, all points are returned.
         """
-        start = count if thinned == self._thinned and 0 <= count <= len(self._steps) else 0
+        start = count if version == self._version and 0 <= count <= len(self._steps) else 0
         return {
-            "thinned": self._thinned,
+            "version": self._version,
             "start": start,
             "steps": self._steps[start:],
             "values": {key: curve[start:] for key, curve in self._values.items()},

@@ -121,7 +121,7 @@ class PageSink(Sink):
         count = _number(request, "count")
         with self._lock:
             told = {
-                "curves": self._history.since(_number(request, "thinned"), count),
+                "curves": self._history.since(_number(request, "version"), count),
                 "epochs": list(self._rows),
                 "events": list(self._events),
             }

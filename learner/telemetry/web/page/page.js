@@ -10,7 +10,7 @@ const FIRST = [
 const STATE_EVERY = 1000, VIEW_EVERY = 200, ROOM_EVERY = 1000;
 const $ = id => document.getElementById(id);
 const charts = new Map();
-const curves = {thinned: -1, count: 0, steps: [], values: {}};
+const curves = {version: -1, count: 0, steps: [], values: {}};
 const text = (id, told) => { $(id).textContent = told ?? ""; };
 
 function element(name, told, more = {}) {
@@ -32,7 +32,7 @@ const pause = ms => new Promise(done => setTimeout(done, ms));
 async function watchRun() {
   for (;;) {
     try {
-      const state = await ask(`/state?thinned=${curves.thinned}&count=${curves.count}`);
+      const state = await ask(`/state?version=${curves.version}&count=${curves.count}`);
       if (state.run) show(state);
       text("link", state.run ? state.run.phase : "starting …");
       $("link").className = "on";
@@ -148,7 +148,7 @@ function takePoints({curves: news, about, epochs, random}) {
   }
   curves.steps.push(...news.steps);
   for (const [key, values] of Object.entries(news.values)) (curves.values[key] ??= []).push(...values);
-  curves.thinned = news.thinned;
+  curves.version = news.version;
   curves.count = curves.steps.length;
   if (about && !charts.size) {
     const rest = Object.keys(about).filter(key => !FIRST.includes(key));

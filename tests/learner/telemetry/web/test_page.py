@@ -98,7 +98,7 @@ def test_it_tells_the_figures_by_their_declarations(place: Place) -> None:
     assert place.json("/state") == {}  # before the first snapshot
     place.page.write(SNAPSHOT)
     place.page.event("a joined")
-    state = place.json("/state?thinned=-1&count=0")
+    state = place.json("/state?version=-1&count=0")
     assert state["run"]["name"] == "pong-1"
     learning = {each["label"]: each for each in state["panels"]["Learning"]}
     assert learning["loss"]["text"] == "0.5000"
@@ -112,7 +112,7 @@ def test_it_tells_the_figures_by_their_declarations(place: Place) -> None:
     assert (actor["steps"], actor["weights"]) == ("64", "2")
     assert [event["text"] for event in state["events"]] == ["a joined"]
     place.page.write(SNAPSHOT)
-    news = place.json("/state?thinned=0&count=1")
+    news = place.json(f"/state?version={state['curves']['version']}&count=1")
     assert (news["curves"]["start"], len(news["curves"]["steps"])) == (1, 1)
     assert "about" not in news
 
