@@ -221,12 +221,10 @@ class Telemetry:
         return sum(row.steps for row in rows) / seconds if seconds else None
 
     def _rewards(self) -> dict[str, Value]:
-        tests = self.rewards("test")
+        tests = [row for row in self.rows if row.phase == "test" and row.average_reward is not None]
         return {
-            "play/test_reward": tests[-1] if tests else None,
-            "play/best_test_reward": max(tests, default=None),
-            "play/test_epoch": next(
-                (row.epoch for row in reversed(self.rows) if row.phase == "test"), None
-            ),
+            "play/test_reward": tests[-1].average_reward if tests else None,
+            "play/best_test_reward": max(self.rewards("test"), default=None),
+            "play/test_epoch": tests[-1].epoch if tests else None,
             "play/random_reward": next(iter(self.rewards("random")), None),
         }

@@ -130,9 +130,16 @@ def panels_of(values: Values) -> dict[str, list[Metric]]:
     return panels
 
 
+def short_label(metric: Metric) -> str:
+    """Returns a figure's label without other figures in it: ``test`` for ``test, epoch {…}``."""
+    return re.sub(r",[^,]*{[^}]*}", "", metric.label)
+
+
 def label_and_text(metric: Metric, values: Values) -> tuple[str, str]:
     """Returns label and text of a figure in its panel."""
-    return fill(metric.label, values), fill(metric.shown or f"{{{metric.key}}}", values)
+    known = values.get(metric.key) is not None
+    label = fill(metric.label, values) if known else short_label(metric)
+    return label, fill(metric.shown or f"{{{metric.key}}}", values)
 
 
 class Progress(NamedTuple):

@@ -1,6 +1,5 @@
 """What the page shows of a snapshot, as texts and numbers of JSON's types."""
 
-import re
 from typing import Any
 
 from common.metrics import METRICS, Metric, Value, Values, number
@@ -15,9 +14,9 @@ _UNSAID = ("none", "ratio", "per second")
 
 def about(metric: Metric) -> dict[str, str]:
     """Returns name, meaning, unit and form of a curve."""
-    label = re.sub(r"[,\s]*{[^}]*}", "", metric.label) or metric.gate.replace("_", " ")
+    label = formats.short_label(metric) or metric.gate.replace("_", " ") or metric.key
     return {
-        "label": label.strip() or metric.key,
+        "label": label,
         "meaning": metric.meaning,
         "unit": "" if metric.unit in _UNSAID or "/s" in metric.label else metric.unit,
         "form": metric.form,

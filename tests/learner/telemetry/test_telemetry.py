@@ -274,13 +274,13 @@ def test_rewards_are_those_of_the_rows(tmp_path: Path) -> None:
         epoch_row((-21.0,), phase="random"),
         epoch_row((-20.0,), phase="train", epoch=1),
         epoch_row((5.0,), phase="test", epoch=1),
-        epoch_row((), phase="test", epoch=2),
-        epoch_row((3.0,), phase="test", epoch=3),
+        epoch_row((3.0,), phase="test", epoch=2),
+        epoch_row((), phase="test", epoch=3),
     ):
         run.telemetry.add(row)
     values = run.values()
     names = ("random_reward", "test_reward", "best_test_reward", "test_epoch")
-    assert [values[f"play/{name}"] for name in names] == [-21.0, 3.0, 5.0, 3]
+    assert [values[f"play/{name}"] for name in names] == [-21.0, 3.0, 5.0, 2]
     assert run.last.told[-1].rewards["test"] == (5.0, 3.0)
     assert ("test", 100) in run.last.told  # its weights have no training steps
 

@@ -265,6 +265,7 @@ def test_warm_up_has_its_own_bar() -> None:
     text = "\n".join(drawn(changed(EMPTY, {"run/phase_steps": 2_500, "run/seconds_left": 90.0})))
     assert re.search(r"Warm-up .* 25 % +2,500 of 10,000 steps +01:30 left", text)
     assert "no epoch is over yet" in text
+    assert re.search(r"^test +– .*^train +– .*^random policy +– ", text, re.MULTILINE | re.DOTALL)
 
 
 def test_the_axis_of_one_epoch_is_around_its_reward() -> None:
