@@ -1,8 +1,10 @@
 """Builds a learner from its parts, and restores them from a checkpoint if there is one."""
 
 import threading
+from collections.abc import Sequence
 from functools import partial
 
+from common.metrics import Values
 from common.protocol.run_keys import RunKeys
 from common.run.epochs import EpochTable
 from common.run.folder import RunFolder
@@ -81,40 +83,16 @@ def build_learner(
         evaluators=lambda: registry.alive("evaluator"),
         seconds=clock.seconds,
     )
-    constants = {
-        **clock_figures(options),
-        "run/run": keys.run,
-        "run/device": device.name,
-        "run/initial": folder.initial.exists(),
-        "run/demonstrations": 0 if (shown := Begun.of(folder)) is None else shown.steps,
-        "run/steps_goal": options.steps,
-        "run/join": join_command(options),
-        "run/page": page,
-    }
-    epochs = EpochTable(folder.epochs)
-    feed, settings = LiveFeed(transport, keys), flat(config)
-    sinks: list[Sink] = [
-        display,
-        TensorBoardSink(folder.tensorboard, settings),
-        GatesCsvSink(folder.gates),
-        SummarySink(folder.summary, config, provenance()),
-        ServiceManagerSink(),
-        StatusSink(transport, keys),
-        *more_sinks,
-    ]
-    for sink in sinks:
-        sink.watch(feed)
-    if options.track is not None:
-        tracked = TrackedRun(folder.name, replay.run_id, settings)
-        sinks.append(TrackerSink(options.track, tracked))
-    if options.films:
-        # First in the list, so that it closes last films before the sinks that receive them close.
-        epsilon = config.exploration.start
-        sinks.insert(0, FilmsSink(folder, options.films, epsilon, others=sinks.copy()))
-    held_out = HeldOut(folder.held_out, config)
+    held_out = HeldOut(folder.held_out, config, algorithm, replay)
     telemetry = Telemetry(
-        *(config, constants, phases, registry, epochs, sinks, clock.now),
-        max_q=lambda: held_out.histogram,
+        config,
+        _constants(options, folder, device, page),
+        phases,
+        registry,
+        held_out,
+        EpochTable(folder.epochs),
+        _sinks(options, folder, transport, keys, display, more_sinks),
+        clock.now,
         gpu=device.figures,
     )
     if state is None:
@@ -158,3 +136,51 @@ def build_learner(
             learner.restore(state)
     serve_evaluators(transport, keys, evaluation, sign)
     return learner
+
+
+def _constants(
+    options: LearnerOptions, folder: RunFolder, device: Device, page: str | None
+) -> Values:
+    """Returns the figures that stay the same as long as this process works."""
+    begun = Begun.of(folder)
+    return {
+        **clock_figures(options),
+        "run/run": folder.name,
+        "run/device": device.name,
+        "run/initial": folder.initial.exists(),
+        "run/demonstrations": 0 if begun is None else begun.steps,
+        "run/steps_goal": options.steps,
+        "run/join": join_command(options),
+        "run/page": page,
+    }
+
+
+def _sinks(
+    options: LearnerOptions,
+    folder: RunFolder,
+    transport: Transport,
+    keys: RunKeys,
+    display: Display,
+    more: Sequence[Sink],
+) -> list[Sink]:
+    """Returns all that takes the run's figures."""
+    feed, settings = LiveFeed(transport, keys), flat(options.config)
+    sinks: list[Sink] = [
+        display,
+        TensorBoardSink(folder.tensorboard, settings),
+        GatesCsvSink(folder.gates),
+        SummarySink(folder.summary, options.config, provenance()),
+        ServiceManagerSink(),
+        StatusSink(transport, keys),
+        *more,
+    ]
+    for sink in sinks:
+        sink.watch(feed)
+    if options.track is not None:
+        tracked = TrackedRun(folder.name, keys.run_id, settings)
+        sinks.append(TrackerSink(options.track, tracked))
+    if options.films:
+        # First in the list, so that it closes last films before the sinks that receive them close.
+        epsilon = options.config.exploration.start
+        sinks.insert(0, FilmsSink(folder, options.films, epsilon, others=sinks.copy()))
+    return sinks

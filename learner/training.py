@@ -149,7 +149,7 @@ class Learner:
             for note in self._children.watch(finished=self._finished):
                 self.telemetry.note(note)
         if self._measure_schedule.is_due():
-            self.held_out.measure(self.algorithm, self.replay)
+            self.held_out.measure()
         if self.broadcast.is_due():
             self._publish()
         values, progress = self._values(), self._replay_progress
@@ -248,11 +248,9 @@ class Learner:
     def _end_phase(self) -> None:
         """Records the present phase, and has an epoch's snapshot tested."""
         if self.phases.epoch == 0:
-            count = self.config.protocol.held_out_states
-            self._insist(lambda: self.held_out.draw(self.replay, count))
-        self.held_out.measure(self.algorithm, self.replay)
-        meanq = self.held_out.max_q[0] if self.held_out.max_q else None
-        row, test = self.phases.close(self._replay_progress.stored, meanq)
+            self._insist(self.held_out.draw)
+        self.held_out.measure()
+        row, test = self.phases.close(self._replay_progress.stored, self.held_out.mean)
         self._insist(lambda: self.telemetry.add(row))
         if row.epoch:
             self.losses.check_weights(self.phases.updates)
@@ -274,15 +272,11 @@ class Learner:
     def _values(self) -> dict[str, Value]:
         """Returns the figures that only the loop knows."""
         phase: Phase = "training" if self.phases.epoch else "warm-up"
-        mean, deviation = self.held_out.max_q or (None, None)
         return {
             "run/phase": "finishing" if self._finished else phase,
             "run/seconds": self.clock.seconds(),
             "learning/updates": self.phases.updates,
             "learning/skipped": self.losses.skipped,
-            "learning/mean_max_q": mean,
-            "learning/held_out_std": deviation,
-            "learning/recent_max_q_std": self.held_out.recent_std,
             "stream/weights_version": self.broadcast.version,
             "evaluation/steps_left": self.evaluation.steps_left,
         }

@@ -12,6 +12,7 @@ from safetensors import SafetensorError
 from safetensors.torch import load, save
 
 from common.errors import InputError
+from common.metrics import Value
 from common.protocol.step_fields import FRAME_SHAPE
 from common.regular_file import read_file
 from common.run.config import RunConfig
@@ -32,20 +33,23 @@ class HeldOut:
     """Measures max-Q on a fixed set of states, kept in the run's folder, and on up to `RECENT` of
     the newest steps. The screen was found in all their frames."""
 
-    def __init__(self, path: Path, config: RunConfig) -> None:
+    def __init__(self, path: Path, config: RunConfig, algorithm: Algorithm, replay: Replay) -> None:
         """Loads the set at ``path`` if there is one.
 
         Raises:
             InputError: the file is damaged.
         """
         self._path = path
+        self._count = config.protocol.held_out_states
+        self._algorithm = algorithm
+        self._replay = replay
         self._states: tuple[torch.Tensor, torch.Tensor] | None = None
-        self.max_q: tuple[float, float] | None = None
-        """Mean and standard deviation of max-Q, as last measured."""
+        self.mean: float | None = None
+        """Mean of max-Q over the held-out states, as last measured."""
         self.histogram: Histogram | None = None
         """Max-Q over the held-out states, as last measured."""
-        self.recent_std: float | None = None
-        """Standard deviation of max-Q over the recent states; None if there were too few."""
+        self._std: float | None = None
+        self._recent_std: float | None = None
         if path.exists():
             try:
                 self._states = _states_in(read_file(path), config)
@@ -54,28 +58,40 @@ class HeldOut:
                     f"{path} is damaged ({error}): remove the run, or restore the file."
                 ) from None
 
-    def draw(self, replay: Replay, count: int) -> None:
-        """Draws up to ``count`` states from the replay, and writes them; nothing if it has none."""
-        frames, vectors = replay.held_out(count)
-        if not len(frames):
-            return
-        self._states = torch.from_numpy(frames.copy()), torch.from_numpy(vectors.copy())
-        content = save({"frames": self._states[0], "vectors": self._states[1]})
-        write_atomically(self._path, content)
+    def draw(self) -> None:
+        """Draws the fixed set from the replay, and writes it; does nothing if the replay has no
+        state for it."""
+        if (states := self._drawn(self._count)) is not None:
+            self._states = states
+            write_atomically(self._path, save({"frames": states[0], "vectors": states[1]}))
 
-    def measure(self, algorithm: Algorithm, replay: Replay) -> None:
-        """Measures ``max_q`` and ``recent_std`` with the present weights."""
+    def measure(self) -> None:
+        """Measures max-Q with the present weights."""
         if self._states is not None:
-            values = algorithm.max_q(*self._states)
-            self.max_q = float(values.mean()), float(values.std(unbiased=False))
+            values = self._algorithm.max_q(*self._states)
+            self.mean, self._std = float(values.mean()), float(values.std(unbiased=False))
             if values.isfinite().all():
                 self.histogram = _spread(values)
-        self.recent_std = None
-        frames, vectors = replay.held_out(RECENT, RECENT_STEPS)
-        if len(frames) >= LEAST_RECENT:
-            recent = torch.from_numpy(frames.copy()), torch.from_numpy(vectors.copy())
-            values = algorithm.max_q(*recent)
-            self.recent_std = float(values.std(unbiased=False))
+        self._recent_std = None
+        recent = self._drawn(RECENT, RECENT_STEPS)
+        if recent is not None and len(recent[0]) >= LEAST_RECENT:
+            self._recent_std = float(self._algorithm.max_q(*recent).std(unbiased=False))
+
+    def values(self) -> dict[str, Value]:
+        """Returns the figures as last measured; the one of the recent states is unknown if there
+        were too few."""
+        return {
+            "learning/mean_max_q": self.mean,
+            "learning/held_out_std": self._std,
+            "learning/recent_max_q_std": self._recent_std,
+        }
+
+    def _drawn(
+        self, count: int, newest: int | None = None
+    ) -> tuple[torch.Tensor, torch.Tensor] | None:
+        """Returns frames and vectors of up to ``count`` states; None if there are none."""
+        frames, vectors = self._replay.held_out(count, newest)
+        return (torch.tensor(frames), torch.tensor(vectors)) if len(frames) else None
 
 
 def _states_in(content: bytes, config: RunConfig) -> tuple[torch.Tensor, torch.Tensor]:

@@ -18,6 +18,7 @@ from learner.algorithm.interface import DeviceBatch, Update
 from learner.phases import Phases, epochs_per_day
 from learner.telemetry.actor_registry import ActorRegistry
 from learner.telemetry.health_checks import judge
+from learner.telemetry.held_out import HeldOut
 from learner.telemetry.recent_latency import RecentLatency
 from learner.telemetry.running_means import RunningMeans
 from learner.telemetry.sinks.sink import Sink
@@ -41,13 +42,12 @@ class Telemetry:
     """Figures that do not change, such as the run's name."""
     phases: Phases
     registry: ActorRegistry
+    held_out: HeldOut
     epochs: EpochTable
     """Takes a row for each phase."""
     sinks: Sequence[Sink]
     """Take the figures, each at its own period."""
     now: Now
-    max_q: Callable[[], Histogram | None] = lambda: None
-    """Returns the histogram of max-Q over the held-out states; None while it is unknown."""
     gpu: Callable[[], Values] = dict
     """Returns memory and utilisation of the GPU, if there is one."""
 
@@ -146,6 +146,7 @@ class Telemetry:
             **replay.values(),
             **self.phases.values(finishing=loop["run/phase"] == "finishing"),
             **self._means.values(),
+            **self.held_out.values(),
             **totals,
             **self._latency.values(key_times),
             **self._rewards(),
@@ -184,8 +185,8 @@ class Telemetry:
 
     def _histograms(self, key_times: tuple[int, ...]) -> dict[str, Histogram]:
         found = {}
-        if (max_q := self.max_q()) is not None:
-            found["learning/max_q"] = max_q
+        if self.held_out.histogram is not None:
+            found["learning/max_q"] = self.held_out.histogram
         for goal in ("press", "release") if key_times else ():
             counts = reached_by_age(key_times, goal)
             found[f"hands/{goal}_ms"] = Histogram(counts, _FRAME_EDGES)

@@ -1,5 +1,6 @@
 """Max-Q over states that were held out, and over those of late, by a network worked out by hand."""
 
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
@@ -36,64 +37,75 @@ FIRST_PIXEL: Any = SimpleNamespace(max_q=lambda frames, _: frames[:, 0, 0, 0].fl
 """An algorithm whose max-Q is a state's number."""
 
 
+def held_out(path: Path, memory: Any, count: int = 5, algorithm: Any = FIRST_PIXEL) -> HeldOut:
+    protocol = replace(CONFIG.protocol, held_out_states=count)
+    return HeldOut(path, replace(CONFIG, protocol=protocol), algorithm, memory)
+
+
 def test_both_sets_are_measured_apart(tmp_path: Path) -> None:
     memory: Any = Memory()
-    held = HeldOut(tmp_path / "held_out", CONFIG)
-    held.draw(memory, 5)
-    held.measure(FIRST_PIXEL, memory)
+    held = held_out(tmp_path / "held_out", memory)
+    held.draw()
+    held.measure()
     assert memory.asked == [(5, None), (RECENT, RECENT_STEPS)]
-    assert held.max_q is not None
-    mean, deviation = held.max_q  # of 0, 1, 2, 3 and 4
-    assert mean == 2.0
-    assert deviation == pytest.approx(2**0.5)
+    assert held.values() == {
+        "learning/mean_max_q": 2.0,  # of 0, 1, 2, 3 and 4
+        "learning/held_out_std": pytest.approx(2**0.5),
+        "learning/recent_max_q_std": pytest.approx(((32**2 - 1) / 12) ** 0.5),  # of 32 in a row
+    }
+    assert held.mean == 2.0
     assert held.histogram is not None
     assert (held.histogram.edges[0], held.histogram.edges[-1]) == (0.0, 4.0)
     assert [count for count in held.histogram.counts if count] == [1, 1, 1, 1, 1]
-    assert held.recent_std == pytest.approx(((32**2 - 1) / 12) ** 0.5)  # of 32 numbers in a row
 
 
 def test_a_frozen_camera_leaves_the_recent_states_without_deviation(tmp_path: Path) -> None:
     memory: Any = Memory()
-    held = HeldOut(tmp_path / "held_out", CONFIG)
-    held.draw(memory, 50)
+    held = held_out(tmp_path / "held_out", memory, 50)
+    held.draw()
     memory.recent = np.full(32, 7)
-    held.measure(FIRST_PIXEL, memory)
-    assert held.max_q is not None
-    assert held.max_q[1] > 10
-    assert held.recent_std == 0.0
+    held.measure()
+    deviation = held.values()["learning/held_out_std"]
+    assert isinstance(deviation, float)
+    assert deviation > 10
+    assert held.values()["learning/recent_max_q_std"] == 0.0
 
 
-def test_too_few_recent_states_tell_nothing(tmp_path: Path) -> None:
+@pytest.mark.parametrize("count", [0, LEAST_RECENT - 1])
+def test_too_few_recent_states_tell_nothing(tmp_path: Path, count: int) -> None:
     memory: Any = Memory()
-    memory.recent = np.arange(LEAST_RECENT - 1)
-    held = HeldOut(tmp_path / "held_out", CONFIG)
-    held.measure(FIRST_PIXEL, memory)
-    assert (held.max_q, held.recent_std) == (None, None)
+    memory.recent = np.arange(count)
+    held = held_out(tmp_path / "held_out", memory)
+    held.measure()
+    assert set(held.values().values()) == {None}
 
 
 def test_too_few_recent_states_leave_no_older_value(tmp_path: Path) -> None:
     memory: Any = Memory()
-    held = HeldOut(tmp_path / "held_out", CONFIG)
-    held.measure(FIRST_PIXEL, memory)
-    assert held.recent_std
+    held = held_out(tmp_path / "held_out", memory)
+    held.measure()
+    assert held.values()["learning/recent_max_q_std"]
     memory.recent = np.arange(LEAST_RECENT - 1)
-    held.measure(FIRST_PIXEL, memory)
-    assert held.recent_std is None
+    held.measure()
+    assert held.values()["learning/recent_max_q_std"] is None
+
+
+def test_without_a_state_to_hold_out_none_is_kept(tmp_path: Path) -> None:
+    held_out(tmp_path / "held_out", Memory(), 0).draw()
+    assert not list(tmp_path.iterdir())
 
 
 def test_the_held_out_states_are_kept_for_who_resumes(tmp_path: Path) -> None:
     path = tmp_path / "held_out"
     memory: Any = Memory()
-    HeldOut(path, CONFIG).draw(memory, 3)
-    again = HeldOut(path, CONFIG)
-    again.measure(FIRST_PIXEL, memory)
-    assert again.max_q is not None
-    mean, deviation = again.max_q
-    assert mean == 1.0
-    assert deviation == pytest.approx((2 / 3) ** 0.5)
+    held_out(path, memory, 3).draw()
+    again = held_out(path, memory, 3)
+    again.measure()
+    assert again.values()["learning/mean_max_q"] == 1.0
+    assert again.values()["learning/held_out_std"] == pytest.approx((2 / 3) ** 0.5)
     path.write_bytes(b"no tensors")
     with pytest.raises(InputError, match="is damaged"):
-        HeldOut(path, CONFIG)
+        held_out(path, memory, 3)
 
 
 @pytest.mark.parametrize(
@@ -111,7 +123,7 @@ def test_states_of_another_run_are_refused(tmp_path: Path, tensors: Any) -> None
     path = tmp_path / "held_out"
     path.write_bytes(save(tensors))
     with pytest.raises(InputError, match="held_out is damaged"):
-        HeldOut(path, CONFIG)
+        held_out(path, Memory())
 
 
 @pytest.mark.parametrize(
@@ -129,13 +141,12 @@ def test_a_network_that_has_collapsed_is_measured_too(
     tmp_path: Path, least: float, most: float
 ) -> None:
     """Its values are all one, but for the last bit, by which batches of other sizes differ."""
-    memory: Any = Memory()
-    held = HeldOut(tmp_path / "held_out", CONFIG)
-    held.draw(memory, 5)
-    values: Any = SimpleNamespace(
+    values = SimpleNamespace(
         max_q=lambda frames, _: torch.tensor([most, *[least] * (len(frames) - 1)])
     )
-    held.measure(values, memory)
+    held = held_out(tmp_path / "held_out", Memory(), algorithm=values)
+    held.draw()
+    held.measure()
     assert held.histogram is not None
     assert sum(held.histogram.counts) == 5
     assert max(held.histogram.counts) == (5 if least == most else 4)
@@ -146,16 +157,14 @@ def test_a_network_that_has_collapsed_is_measured_too(
 
 def test_values_are_of_states_as_they_are(tmp_path: Path) -> None:
     """No gradient, and no change of what the replay gave."""
-    memory: Any = Memory()
-    held = HeldOut(tmp_path / "held_out", CONFIG)
-    held.draw(memory, 2)
     seen: list[torch.Tensor] = []
 
     def max_q(frames: torch.Tensor, _: torch.Tensor) -> torch.Tensor:
         seen.append(frames)
         return frames[:, 0, 0, 0].float()
 
-    algorithm: Any = SimpleNamespace(max_q=max_q)
-    held.measure(algorithm, memory)
+    held = held_out(tmp_path / "held_out", Memory(), 2, SimpleNamespace(max_q=max_q))
+    held.draw()
+    held.measure()
     assert [tuple(each.shape) for each in seen] == [(2, 4, 84, 84), (32, 4, 84, 84)]
     assert all(each.dtype == torch.uint8 for each in seen)

@@ -72,7 +72,12 @@ class Run:
     """A run that has seen `seen` chunks of 50 steps, and what its telemetry says."""
 
     def __init__(
-        self, folder: Path, registry: Any = None, sinks: tuple[Sink, ...] = (), **more: Any
+        self,
+        folder: Path,
+        registry: Any = None,
+        sinks: tuple[Sink, ...] = (),
+        max_q: Histogram | None = None,
+        **more: Any,
     ) -> None:
         self.now = 1_000.0
         self.actors: tuple[ActorView, ...] = ()
@@ -88,6 +93,7 @@ class Run:
             {"run/run": "r", "run/device": "cpu"},
             self.phases,
             known,
+            SimpleNamespace(histogram=max_q, values=lambda: {"learning/mean_max_q": 2.5}),  # type: ignore[arg-type]
             self.table,
             (self.last, *sinks),
             lambda: self.now,
@@ -168,6 +174,10 @@ def test_chunks_that_were_stored_twice_are_shown_and_fail_a_check(
     assert values["gates/failed"] == 1
 
 
+def test_max_q_is_that_of_the_held_out_states(tmp_path: Path) -> None:
+    assert Run(tmp_path).values()["learning/mean_max_q"] == 2.5
+
+
 def test_histograms_are_those_that_are_known(tmp_path: Path) -> None:
     run = Run(tmp_path)
     run.values()
@@ -178,7 +188,7 @@ def test_histograms_are_those_that_are_known(tmp_path: Path) -> None:
     counts[place_of("release", True, 1)] = 4
     registry = SimpleNamespace(take_notes=list, actors=tuple, totals=lambda: ({}, tuple(counts)))
     max_q = Histogram([1, 2], [0.0, 0.5, 1.0])
-    run = Run(tmp_path, registry, max_q=lambda: max_q)
+    run = Run(tmp_path, registry, max_q=max_q)
     run.values()
     found = run.last.told[-1].histograms
     assert found.keys() == {"learning/max_q", "hands/press_ms", "hands/release_ms"}
