@@ -6,15 +6,17 @@ import threading
 import time
 from collections import deque
 from collections.abc import Iterable
-from dataclasses import asdict, astuple, dataclass, field, fields, replace
-from typing import Any, cast
+from dataclasses import asdict, astuple, dataclass, fields, replace
+from typing import Any, cast, get_args
 
 from common.checked import NAME
 from common.errors import MessageError
 from common.metrics import Value, Values
 from common.protocol.actor_stats import TOTALS, ActorStats, Role
 from common.protocol.run_keys import RunKeys
+from common.schedule import Now
 from common.transport.interface import Envelope, Transport
+from learner.telemetry.actor_process import LONGEST_DELAY, ActorProcess
 from learner.telemetry.snapshot import ActorView
 from replay.chunk_statistics import ChunkStatistics
 
@@ -25,54 +27,12 @@ LEFT_SHOWN = 10.0
 """Seconds for which an actor that left stays on the display."""
 _SETTLED = 60.0
 """Seconds after which the last counters and chunks of a process that has gone must have arrived."""
-_LONGEST_DELAY = 5.0
-"""Maximum number of seconds that a heartbeat is on its way."""
 _MOST_GONE = 256
 """Number of processes that are kept one by one after they have gone; older ones only count in the
 totals."""
 _MOST_KNOWN = 4_096
 """Maximum number of processes, of names and of notes, however many heartbeats arrive."""
 _KNOWN = {each.name for each in fields(ActorStats)}
-
-
-@dataclass
-class _Process:
-    """One process of an actor or evaluator, from its start to its end."""
-
-    stats: ActorStats
-    accepted: int = 0
-    """Its chunks that the replay has stored."""
-    heard: float = field(default_factory=lambda: time.monotonic())
-    """Monotonic seconds at which a heartbeat, a chunk or a checkpoint last mentioned it."""
-    born: float = field(default_factory=lambda: time.monotonic())
-    """Monotonic seconds at which it was first mentioned."""
-    known: int = 0
-    """Accepted chunks that are so old that its counters must include them."""
-    marked: tuple[float, int] = (-math.inf, 0)
-    """Monotonic seconds of a recent moment, and the number of chunks accepted by then."""
-
-    def hear(self, stats: ActorStats, now: float) -> None:
-        """Takes in a heartbeat."""
-        self.stats, self.heard = stats, now
-        if now - self.marked[0] >= _LONGEST_DELAY:
-            self.known, self.marked = self.marked[1], (now, self.accepted)
-
-    @property
-    def made(self) -> int:
-        """Chunks that it made; without a farewell, these may be more than its counters say."""
-        stored = self.accepted + self.stats.refused
-        return self.stats.made if self.stats.leaving else max(self.stats.made, stored)
-
-    @property
-    def excess(self) -> int:
-        """Number of stored chunks beyond those that it says it made."""
-        stored = self.accepted if self.stats.leaving else self.known
-        return max(stored + self.stats.refused - self.stats.made, 0)
-
-    @property
-    def totals(self) -> ActorStats:
-        """What it adds to the run's totals."""
-        return replace(self.stats, made=self.made)
 
 
 @dataclass
@@ -104,12 +64,13 @@ class _Name:
 class ActorRegistry:
     """Listens to heartbeats and liveliness tokens; safe to ask from any thread."""
 
-    def __init__(self, transport: Transport, keys: RunKeys) -> None:
+    def __init__(self, transport: Transport, keys: RunKeys, now: Now = time.monotonic) -> None:
+        self._now = now
         self._lock = threading.Lock()
         self._run_id = keys.run_id
-        self._names: dict[tuple[str, str], _Name] = {}
+        self._names: dict[tuple[Role, str], _Name] = {}
         """By role and name."""
-        self._processes: dict[int, _Process] = {}
+        self._processes: dict[int, ActorProcess] = {}
         """Processes by incarnation; of those that have gone, the latest `_MOST_GONE`."""
         self._gone = _total(())
         """Totals of all other processes."""
@@ -130,7 +91,7 @@ class ActorRegistry:
             for each in state["processes"]:
                 stats = _stats_from(each)
                 # A process that still runs may have sent a heartbeat already: keep its counters.
-                process = self._processes.setdefault(stats.incarnation, _Process(stats))
+                process = self._process(stats, self._now())
                 process.accepted = each.get("accepted", 0)
             self._gone = _total(map(_stats_from, state["gone"]))
             self._gone_excess = state["excess"]
@@ -139,7 +100,7 @@ class ActorRegistry:
     def state(self) -> dict[str, Any]:
         """Returns all processes that ever took part, of JSON's types."""
         with self._lock:
-            self._fold(time.monotonic())
+            self._fold(self._now())
             return {
                 "processes": [
                     {**asdict(process.stats), "accepted": process.accepted}
@@ -161,14 +122,14 @@ class ActorRegistry:
                 else:
                     self._gone.made += 1
             elif chunk.incarnation:
-                unheard = _Process(ActorStats(chunk.actor, "actor", chunk.incarnation))
-                process = self._processes.setdefault(chunk.incarnation, unheard)
+                now = self._now()
+                process = self._process(ActorStats(chunk.actor, "actor", chunk.incarnation), now)
                 process.accepted += 1
-                process.heard = time.monotonic()
+                process.heard = now
 
     def take_notes(self) -> list[str]:
         """Returns the arrivals and losses since the last call, as sentences."""
-        now = time.monotonic()
+        now = self._now()
         with self._lock:
             for (_, name), known in self._names.items():
                 if known.lost is not None and now - known.lost > _LAST_WORDS:
@@ -191,7 +152,7 @@ class ActorRegistry:
         """Returns sums over all processes that ever took part: the figures, and the key times of
         the hands (`common.press_latency`)."""
         with self._lock:
-            self._fold(time.monotonic())
+            self._fold(self._now())
             total = _total((self._gone, *(process.totals for process in self._processes.values())))
             excess = self._gone_excess + sum(each.excess for each in self._processes.values())
         values: dict[str, Value] = {
@@ -204,14 +165,14 @@ class ActorRegistry:
     def actors(self) -> tuple[ActorView, ...]:
         """Returns all that took part since this learner started, with the newest process of each
         name."""
-        now = time.monotonic()
+        now = self._now()
         with self._lock:
             found = []
             for (role, name), known in sorted(self._names.items()):
-                if role not in ("actor", "evaluator") or known.alive is None:
+                if known.alive is None:
                     continue
                 process = self._processes.get(known.newest)
-                stats = process.stats if process else ActorStats(name, cast(Role, role))
+                stats = process.stats if process else ActorStats(name, role)
                 silent = now - known.heard
                 # It counts as alive until it is clear that no farewell follows.
                 alive = known.alive or (known.lost is not None and not stats.leaving)
@@ -261,11 +222,11 @@ class ActorRegistry:
             return  # not a heartbeat
         if not message.key.endswith(f"/{stats.role}/{stats.name}") or stats.run_id != self._run_id:
             return
-        now = time.monotonic()
+        now = self._now()
         with self._lock:
             known = self._known(stats.role, stats.name)
             if known is not None and stats.incarnation not in self._folded:
-                process = self._processes.setdefault(stats.incarnation, _Process(stats))
+                process = self._process(stats, now)
                 if not (known.shared or stats.leaving) and self._shares(process, known.newest, now):
                     known.shared = True
                     self._notes.append(
@@ -275,13 +236,18 @@ class ActorRegistry:
                 process.hear(stats, now)
                 known.newest, known.heard = stats.incarnation, now
 
-    def _shares(self, process: _Process, heard_last: int, now: float) -> bool:
+    def _process(self, stats: ActorStats, now: float) -> ActorProcess:
+        """Returns the process that sent ``stats``, as it is known; otherwise a new one."""
+        new = ActorProcess(stats, born=now, heard=now)
+        return self._processes.setdefault(stats.incarnation, new)
+
+    def _shares(self, process: ActorProcess, heard_last: int, now: float) -> bool:
         """Returns whether two processes of this name run at the same time: the older one still
         speaks after the newer one."""
         other = self._processes.get(heard_last, process)
-        return process.born < other.born < now - _LONGEST_DELAY
+        return process.born < other.born < now - LONGEST_DELAY
 
-    def _known(self, role: str, name: str) -> _Name | None:
+    def _known(self, role: Role, name: str) -> _Name | None:
         """Returns what is known of a name; None if the name is invalid, or there are too many."""
         known = self._names.get((role, name))
         if known is None and len(self._names) < _MOST_KNOWN and re.fullmatch(NAME, name):
@@ -289,10 +255,12 @@ class ActorRegistry:
         return known
 
     def _on_presence(self, key: str, alive: bool) -> None:
-        role, name = key.split("/")[-2:]
-        now = time.monotonic()
+        *_, role, name = key.split("/")
+        if role not in get_args(Role):
+            return
+        now = self._now()
         with self._lock:
-            if (known := self._known(role, name)) is None:
+            if (known := self._known(cast(Role, role), name)) is None:
                 return
             if alive and not known.alive and known.lost is None:  # otherwise no loss was noted
                 self._notes.append(f"{name} joined")
@@ -301,9 +269,12 @@ class ActorRegistry:
 
 
 def _stats_from(state: dict[str, Any]) -> ActorStats:
-    """Returns the counters in a checkpoint, which may lack some or have unknown ones."""
+    """Returns the counters in a checkpoint, which may lack some or have unknown ones. Raises
+    MessageError if hands were timed in other bins."""
     known = {name: value for name, value in state.items() if name in _KNOWN}
-    return ActorStats(**{**known, "key_times": tuple(known.get("key_times", ()))})
+    stats = ActorStats(**{**known, "key_times": tuple(known.get("key_times", ()))})
+    stats.check()
+    return stats
 
 
 def _total(processes: Iterable[ActorStats]) -> ActorStats:

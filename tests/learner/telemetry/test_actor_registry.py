@@ -5,7 +5,6 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import asdict, replace
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -177,10 +176,9 @@ def test_one_that_left_is_still_counted(
 class Told:
     """A registry whose processes speak by `say`, on a clock that the test turns."""
 
-    def __init__(self, hub: Transport, monkeypatch: pytest.MonkeyPatch) -> None:
+    def __init__(self, hub: Transport) -> None:
         self.now = 1_000.0
-        monkeypatch.setattr(module, "time", SimpleNamespace(monotonic=lambda: self.now))
-        self.registry = ActorRegistry(hub, KEYS)
+        self.registry = ActorRegistry(hub, KEYS, lambda: self.now)
 
     def say(self, seconds: float = 0.0, **counters: Any) -> None:
         self.now += seconds
@@ -195,8 +193,8 @@ class Told:
 
 
 @pytest.fixture
-def told(hub: Transport, monkeypatch: pytest.MonkeyPatch) -> Told:
-    return Told(hub, monkeypatch)
+def told(hub: Transport) -> Told:
+    return Told(hub)
 
 
 def test_a_process_that_was_killed_made_what_came_from_it(told: Told, hub: Transport) -> None:
@@ -269,7 +267,7 @@ def test_chunks_that_come_after_their_process_was_folded_are_counted_once(
     assert chunks(told.registry) == (10, 2, 0)
     assert told.registry.state()["processes"] == []
     credit(told.registry, 1)
-    again = Told(hub, monkeypatch)
+    again = Told(hub)
     again.registry.restore(json.loads(json.dumps(told.registry.state())))
     credit(again.registry, 1)
     assert chunks(again.registry) == (10, 2, 0)
@@ -294,7 +292,7 @@ def test_totals_of_folded_processes_survive_a_checkpoint(
     before = told.totals()
     assert before[:3] == (50, 10, 2)
     assert len(told.registry.state()["folded"]) == 4
-    again = Told(hub, monkeypatch)
+    again = Told(hub)
     again.registry.restore(json.loads(json.dumps(told.registry.state())))
     assert again.totals() == before
     again.say(name="a1", incarnation=101)
@@ -328,11 +326,11 @@ def test_a_process_started_again_is_not_gone_before_its_first_heartbeat(told: To
 
 
 def test_one_that_is_heard_before_the_checkpoint_is_restored_keeps_its_chunks(
-    told: Told, hub: Transport, monkeypatch: pytest.MonkeyPatch
+    told: Told, hub: Transport
 ) -> None:
     told.say(made=10)
     credit(told.registry, 20)
-    again = Told(hub, monkeypatch)
+    again = Told(hub)
     again.say(made=12, seconds=1.0)
     again.registry.restore(json.loads(json.dumps(told.registry.state())))
     assert again.registry.actors() == ()
@@ -410,6 +408,12 @@ def test_only_names_are_known_and_only_so_many(told: Told, monkeypatch: pytest.M
     assert [actor.stats.name for actor in told.registry.actors()] == []
     told.registry._on_presence(KEYS.live("actor", "good"), True)
     assert [actor.stats.name for actor in told.registry.actors()] == ["good"]
+
+
+def test_only_actors_and_evaluators_are_present(told: Told) -> None:
+    told.registry._on_presence(KEYS.live("stranger", "a1"), True)
+    assert (told.registry.take_notes(), told.registry.actors()) == ([], ())
+    assert told.registry.alive("stranger") == set()
 
 
 def test_two_processes_of_one_name_are_told_once(told: Told) -> None:
