@@ -6,10 +6,13 @@ The index can be written as journal entries, and rebuilt from them in order.
 from bisect import bisect_left
 from collections import deque
 from collections.abc import Iterator
+from dataclasses import dataclass
 from itertools import accumulate, islice, takewhile
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
-from common.checked import build
+from pydantic import Strict
+
+from common.checked import Count, Rows, Values, build
 from common.run.config import MAX_WINDOW
 from replay.chunk_statistics import MAX_GAMES, MAX_STATISTICS, ChunkStatistics
 from replay.journal import Entry
@@ -66,6 +69,27 @@ class Received:
                 halves = [[first, sequence - 1], [sequence + 1, last]]
                 self.gaps[at : at + 1] = [half for half in halves if half[0] <= half[1]]
                 return
+
+
+class _Stream(NamedTuple):
+    """The state of a stream in the journal."""
+
+    actor: str
+    incarnation: Count
+    stream: Count
+    highest: Count
+    gaps: Values[Annotated[tuple[Count, Count], Strict(False)]]
+
+
+@dataclass(frozen=True)
+class _State:
+    """The counters in the journal."""
+
+    agent_steps: Count
+    accepted: Count
+    tail: Count
+    head: Count
+    received: Rows[_Stream]
 
 
 class ChunkIndex:
@@ -186,15 +210,16 @@ class ChunkIndex:
         """Apply a journal entry. Raises KeyError, TypeError or ValueError if it is not valid."""
         kind = entry["kind"]
         if kind == "state":
-            self.agent_steps = entry["agent_steps"]
-            self.accepted = entry["accepted"]
-            self.tail = entry["tail"]
-            self.head = entry.get("head", self.tail)  # former journals have none
-            for actor, incarnation, stream, highest, gaps in entry["received"]:
-                self._received[actor, incarnation, stream] = Received(highest, gaps)
+            told = {"head": entry["tail"], **entry}  # former journals have no head
+            state = build(_State, {name: told[name] for name in _State.__dataclass_fields__})
+            self.agent_steps, self.accepted = state.agent_steps, state.accepted
+            self.tail, self.head = state.tail, state.head
+            for actor, incarnation, stream, highest, gaps in state.received:
+                received = Received(highest, [list(gap) for gap in gaps])
+                self._received[actor, incarnation, stream] = received
         elif kind == "counts":
-            self.duplicates = entry["duplicates"]
-            self.refused = entry["refused"]
+            self.duplicates = build(Count, entry["duplicates"])
+            self.refused = build(Count, entry["refused"])
         elif kind == "facts":
             self._keep(build(ChunkStatistics, entry["facts"]))
         elif kind == "held":
@@ -202,7 +227,7 @@ class ChunkIndex:
         elif kind == "chunk":
             self.accept(*_chunk(entry), build(ChunkStatistics, entry["facts"]))
         elif kind == "tail":
-            self.evict(entry["tail"])
+            self.evict(build(Count, entry["tail"]))
         else:
             raise ValueError(kind)
 

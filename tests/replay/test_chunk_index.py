@@ -1,4 +1,5 @@
 import json
+from typing import Any
 
 import pytest
 from hypothesis import given
@@ -111,6 +112,38 @@ def test_entries_make_the_index_again() -> None:
     assert compacted.has_received(ChunkKey("a", 1, 0, 0))
     assert not compacted.has_received(ChunkKey("a", 1, 0, 5))
     assert not compacted.has_received(ChunkKey("a", 2, 0, 0))
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [
+        {"tail": "x"},
+        {"head": None},
+        {"head": 2**63},
+        {"agent_steps": 1.5},
+        {"accepted": True},
+        {"received": [["a", 1, 0, "x", []]]},
+        {"received": [["a", 1, 0, 4, [[1, 2, 3]]]]},
+        {"received": [["a", 1, 0, 4]]},
+        {"kind": "tail", "tail": -1},
+        {"kind": "counts", "duplicates": 0, "refused": "x"},
+        {"kind": "unheard of"},
+    ],
+)
+def test_an_entry_of_another_form_is_refused(changed: dict[str, Any]) -> None:
+    """Lines of former journals have no checksum, so anything may be in them."""
+    state, *_ = filled(2)[0].entries()
+    entry = json.loads(json.dumps({**state, **changed}))
+    with pytest.raises((KeyError, TypeError, ValueError)):
+        ChunkIndex().apply(entry)
+
+
+def test_a_journal_from_before_the_head_was_kept_is_read() -> None:
+    state, *_ = filled(2)[0].entries()
+    del state["head"]
+    index = ChunkIndex()
+    index.apply({**state, "tail": 5, "crc": 1})
+    assert (index.tail, index.head, index.accepted) == (5, 5, 2)
 
 
 def test_statistics_come_in_portions() -> None:
