@@ -154,9 +154,11 @@ class Ring:
         """Notes that the earlier frames that a linked chunk shares are lost."""
         self._previous[placement.base % self._capacity] = -1
 
-    def join(self, last: int, first: int) -> None:
-        """Links step ``last`` to step ``first``, which follows it in the next chunk."""
-        self._next[last % self._capacity] = first
+    def join(self, before: Placement, after: Placement) -> None:
+        """Links the last step of ``before`` to the first of ``after``, the next chunk of its
+        stream, if that continues the episode."""
+        if self.is_open(before) and (after.context or after.previous >= 0):
+            self._next[before.last % self._capacity] = after.first
 
     def is_open(self, placement: Placement) -> bool:
         """Whether the chunk's last step does not end its episode."""

@@ -8,7 +8,6 @@ One insert passes at a time, and writes files without blocking readers. Only cha
 under the lock that readers share.
 """
 
-import logging
 import threading
 import uuid
 from collections.abc import Iterable
@@ -18,24 +17,20 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from common.errors import InputError, MessageError
-from common.process.progress import Progress
+from common.errors import MessageError
 from common.protocol.chunk import Chunk
 from common.run.config import RunConfig
 from common.run.folder import JOURNAL
-from replay.chunk_index import ChunkIndex, ChunkKey, chunk_entry, tail_entry
+from replay.chunk_index import ChunkKey, chunk_entry, tail_entry
 from replay.chunk_statistics import ChunkStatistics
 from replay.columns import Columns
 from replay.curriculum import curriculum_steps
-from replay.journal import Entry, Journal, damaged, read_journal
+from replay.journal import Entry, Journal
+from replay.recovery import header_of, read_index, restore
 from replay.ring import Placement, Ring
 from replay.samplers import PrioritisedSampler, UniformSampler
 from replay.sum_tree import padded
 
-FORMAT = 2
-_READ_FORMATS = (1, FORMAT)
-"""Formats that can be read; format 1 had no checksums."""
-_log = logging.getLogger(__name__)
 _SPARE_BYTES = 60_000
 """Bytes by which a journal may always grow before it is rewritten, about 200 chunks."""
 
@@ -55,9 +50,9 @@ class Store:
         self._closed = False
         self._quarantined: set[int] = set()
         path = folder / JOURNAL
-        self.uuid = uuid.uuid4().hex
+        self.index, known = read_index(path, config)
+        self.uuid = known or uuid.uuid4().hex
         """Identity of this ring, which is made with it."""
-        self.index = self._read(path)
         prioritised = config.replay.sampler == "prioritised"
         self.columns = Columns(
             folder,
@@ -67,7 +62,7 @@ class Store:
             existing=path.exists(),
         )
         self.ring = Ring(self.columns, config)
-        ids, capacity = self._rebuild(), config.replay.capacity
+        ids, capacity = restore(self.ring, self.index, folder), config.replay.capacity
         if prioritised:
             exponents = config.replay.priority_exponent, config.replay.importance_exponent
             leaves = self.columns.priorities
@@ -77,83 +72,8 @@ class Store:
         self._journal = Journal(path, self._entries())
         self._compacted_size = self._journal.size
 
-    @property
-    def _header(self) -> Entry:
-        return {
-            "kind": "ring",
-            "format": FORMAT,
-            "capacity": self._config.replay.capacity,
-            "history": self._config.play.frame_stack,  # its name in journals since format 1
-            "vector_width": self._config.vector_width,
-        }
-
-    def _read(self, path: Path) -> ChunkIndex:
-        index, entries = ChunkIndex(), read_journal(path)
-        if not path.exists():
-            return index
-        header, *rest = entries or [None]
-        if header is None:
-            raise damaged(path, "in line 1")
-        if header.get("format") in _READ_FORMATS:
-            header["format"] = FORMAT
-        if unequal := [
-            f"{name} {header.get(name)} instead of {value}"
-            for name, value in self._header.items()
-            if header.get(name) != value
-        ]:
-            raise InputError(
-                f"the replay in {path.parent} has {', '.join(unequal)}: resume it with the "
-                "settings it was made with, or name another run."
-            )
-        self.uuid = str(header.get("uuid", self.uuid))  # former rings have none
-        lost = []
-        for number, entry in enumerate(rest, start=2):
-            try:
-                index.apply(entry or {})
-            except (KeyError, TypeError, ValueError):
-                if number == 2:  # it holds all counters
-                    raise damaged(path, "in line 2") from None
-                lost.append(number)
-        if lost:
-            _log.warning(
-                "%d of %d lines of %s are damaged, the first is line %d: their chunks are lost, "
-                "the rest is used",
-                *(len(lost), len(entries), path, lost[0]),
-            )
-        # In case the line that evicts them was lost.
-        index.evict(max(index.tail, index.head - self._config.replay.capacity))
-        return index
-
-    def _rebuild(self) -> NDArray[np.int64]:
-        """Rebuilds the links from the index and the undamaged rows of the files; returns the
-        sampleable steps."""
-        ring, index = self.ring, self.index
-        kept, lost = len(index.chunks), []
-        # The progress is shown because all rows are read, from a disk that may be slow.
-        with Progress("checking the replay", kept) as progress:
-            for number, (key, place) in enumerate(index.chunks.items(), 1):
-                if not ring.is_whole(place):
-                    lost.append(key)
-                progress.update(number, note=f"{number:,} of {kept:,} chunks")
-        for key in lost:
-            index.drop(key)
-        if lost:
-            _log.warning(
-                "%d of %d chunks in %s are damaged: they are not drawn, the rest is used",
-                *(len(lost), kept, self.columns.folder),
-            )
-        ring.tail, ring.head = index.tail, index.head
-        for key, place in index.chunks.items():
-            ring.link(place)
-            if place.previous >= 0 and key.beside(-1) not in index.chunks:
-                ring.cut(place)
-        for key, place in index.chunks.items():
-            self._join(place, index.chunks.get(key.beside(1)))
-        alive = np.arange(ring.tail, ring.head)
-        return alive[ring.is_complete(alive)]
-
     def _entries(self) -> Iterable[Entry]:
-        return chain([{**self._header, "uuid": self.uuid}], self.index.entries())
+        return chain([{**header_of(self._config), "uuid": self.uuid}], self.index.entries())
 
     def insert(self, chunk: Chunk, staleness: int) -> bool:
         """See `ReplayBuffer.insert`; returns False if the chunk was received before."""
@@ -302,17 +222,11 @@ class Store:
         ring.link(place)
         before, after = (index.chunks.get(key.beside(distance)) for distance in (-1, 1))
         if before is not None:
-            self._join(before, place)
-        self._join(place, after)
+            ring.join(before, place)
+        if after is not None:
+            ring.join(place, after)
         touched = self._steps_beside(key) | set(range(place.first, place.last + 1))
         touched -= self._quarantined
         ids = np.array(sorted(touched), np.int64)
         ids = ids[~self.sampler.contains(ids)]
         self.sampler.add(ids[ring.is_complete(ids)])
-
-    def _join(self, place: Placement, after: Placement | None) -> None:
-        """Links ``place`` to ``after``, if that continues the episode at the end of ``place``."""
-        if after is None or not self.ring.is_open(place):
-            return
-        if after.context or after.previous >= 0:
-            self.ring.join(place.last, after.first)

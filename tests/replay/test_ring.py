@@ -28,15 +28,15 @@ def make_ring(folder: Path, n_step: int = 1, clip: bool = False, frame_stack: in
     return Ring(Columns(folder, 40, 0), config)
 
 
-def put(ring: Ring, chunk: Chunk, previous: int = -1) -> Placement:
-    context = 0 if previous >= 0 else len(chunk.context)
+def put(ring: Ring, chunk: Chunk, before: Placement | None = None) -> Placement:
+    context, previous = (len(chunk.context), -1) if before is None else (0, before.last)
     place = Placement(ring.head, context, len(chunk), len(chunk.final_frames), previous)
     place = ring.write(place, chunk)
     assert ring.is_whole(place)
     ring.link(place)
     ring.head = place.end
-    if previous >= 0:
-        ring.join(previous, place.first)
+    if before is not None:
+        ring.join(before, place)
     return place
 
 
@@ -70,7 +70,7 @@ def test_stacks_cross_chunks_by_shared_frames_or_by_context(tmp_path: Path) -> N
     del lost
     ring = make_ring(tmp_path)
     before = put(ring, one)
-    shared = put(ring, two, previous=before.last)
+    shared = put(ring, two, before)
     alone = put(ring, four)
     assert (shared.end - shared.base, alone.end - alone.base) == (3, 6)
     assert states(ring, shared.first, shared.last) == [[1, 2, 3, 4], [3, 4, 5, 6]]
