@@ -143,7 +143,10 @@ class EpochTable:
     def _rows(self, lines: Sequence[str]) -> list[EpochRow]:
         rows = []
         for number, line in enumerate(lines, 1):
-            cells = next(csv.reader([line]))
+            try:
+                cells = next(csv.reader([line]))
+            except csv.Error as error:  # such as a cell without end
+                raise self._damage(f"row {number}: {error}") from None
             if not line.endswith("\n") or len(cells) != len(COLUMNS):
                 raise self._damage(f"row {number} is not whole")
             values = dict(zip(COLUMNS, map(_value, cells), strict=True))

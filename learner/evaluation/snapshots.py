@@ -42,7 +42,7 @@ class Snapshots:
         """Returns the mean score of ``best.safetensors``; None if its card is missing or broken."""
         try:
             return float(json.loads(read_file(self._folder / "best.json"))["mean_score"])
-        except (OSError, ValueError, TypeError, KeyError):
+        except (OSError, ValueError, TypeError, KeyError, RecursionError):
             return None
 
     def file(self, epoch: int) -> Path:

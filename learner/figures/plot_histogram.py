@@ -45,7 +45,7 @@ def read_evaluations(path: Path) -> list[Evaluation]:
             _evaluation(f"{path.stem}, ε = {row['epsilon']:g}, sticky {row['sticky']:g}", row)
             for row in found.get("rows", ())
         ] or [_evaluation(path.stem, found)]
-    except (OSError, ValueError, TypeError, KeyError, AttributeError):
+    except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError):
         raise InputError(
             f"{path} holds no evaluation: write one with ale-robot evaluate NETWORK --json FILE."
         ) from None

@@ -5,6 +5,7 @@ It has what TensorBoard shows, for everybody without TensorBoard.
 
 import csv
 import io
+from contextlib import suppress
 from pathlib import Path
 
 from common.metrics import METRICS, number
@@ -34,11 +35,12 @@ class GatesCsvSink(Sink):
         rows: list[dict[str, str]] = []
         if resumed_at is not None and self._path.exists():
             text = read_file(self._path).decode(errors="replace")
-            for row in csv.DictReader(text[: text.rfind("\n") + 1].splitlines()):
-                steps = row.get("agent_steps") or ""
-                whole = None not in row and None not in row.values()
-                if whole and steps.isdecimal() and int(steps) <= resumed_at:
-                    rows.append(row)
+            with suppress(csv.Error):  # a cell without end, in a damaged table
+                for row in csv.DictReader(text[: text.rfind("\n") + 1].splitlines()):
+                    steps = row.get("agent_steps") or ""
+                    whole = None not in row and None not in row.values()
+                    if whole and steps.isdecimal() and float(steps) <= resumed_at:
+                        rows.append(row)
         header = dict(zip(self.columns, self.columns, strict=True))
         write_atomically(self._path, self._lines(header, *rows))
 

@@ -406,6 +406,10 @@ def test_what_cannot_be_drawn_is_refused(tmp_path: Path) -> None:
 def test_files_of_another_kind_are_refused(tmp_path: Path) -> None:
     text = tmp_path / "a.txt"
     text.write_text("epoch\n")
+    endless = tmp_path / "endless.json"
+    damaged = run(tmp_path / "run", 1, [1.0])
+    for file in (endless, damaged / "config.json"):
+        file.write_text("[" * 100_000)
     empty = tmp_path / "empty.csv"
     EpochTable(empty).append(ROW)
     broken = late(tmp_path / "broken.csv", ("a", 0, float("nan")))
@@ -418,6 +422,8 @@ def test_files_of_another_kind_are_refused(tmp_path: Path) -> None:
         ("delay", late(tmp_path / "headed.csv"), "is not a table of"),
         ("delay", broken, "damaged in row 1"),
         ("histogram", text, "holds no evaluation"),
+        ("histogram", endless, "holds no evaluation"),
+        ("epochs", damaged, r"config\.json cannot be read"),
         ("histogram", tmp_path, r"holds no evaluation: write one with ale-robot evaluate"),
         ("scaling", text, "holds no scaling"),
         ("robustness", text, "holds no grid"),

@@ -180,6 +180,7 @@ def test_resume_with_rows_missing_is_refused(path: Path) -> None:
         (b"epoch,phase\n", "does not name the columns"),
         (HEADER.rstrip().encode(), "does not name the columns"),
         (QUOTED.encode(), "row 1 is not whole"),
+        ((HEADER + "1" * 200_000).encode(), "row 1: field larger than field limit"),
         (b"\xff\xfe\x00", "it is not text"),
         ((HEADER + "1,train\n").encode(), "row 1 is not whole"),
         (

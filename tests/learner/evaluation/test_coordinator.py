@@ -287,10 +287,11 @@ def test_the_best_snapshot_stays_where_the_table_has_lost_its_test(tmp_path: Pat
         coordinator.settle(replace(epoch_test(epoch), scores=[score]), before)
         expected = b"weights of 1" if epoch < 3 else b"weights of 3"
         assert (tmp_path / "best.safetensors").read_bytes() == expected
-    (tmp_path / "best.json").write_text("{")
-    coordinator.add(epoch_test(5), b"weights of 5")
-    coordinator.settle(replace(epoch_test(5), scores=[1.0]), None)
-    assert (tmp_path / "best.safetensors").read_bytes() == b"weights of 5"
+    for epoch, damage in ((5, "{"), (6, "[" * 100_000)):
+        (tmp_path / "best.json").write_text(damage)
+        coordinator.add(epoch_test(epoch), f"weights of {epoch}".encode())
+        coordinator.settle(replace(epoch_test(epoch), scores=[1.0]), None)
+        assert (tmp_path / "best.safetensors").read_bytes() == f"weights of {epoch}".encode()
 
 
 def test_all_snapshots_are_kept_where_that_is_asked_for(tmp_path: Path) -> None:

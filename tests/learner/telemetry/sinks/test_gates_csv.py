@@ -122,7 +122,8 @@ def test_a_table_with_fewer_columns_is_carried_over(tmp_path: Path) -> None:
 
 def test_what_is_no_table_is_replaced(tmp_path: Path) -> None:
     path = tmp_path / "gates.csv"
-    for noise in ("", "\n", "noise", "a,b\n1,2\n", "agent_steps\n-1\n"):
+    endless = (f"agent_steps\n{'1' * digits}\n" for digits in (5_000, 200_000))
+    for noise in ("", "\n", "noise", "a,b\n1,2\n", "agent_steps\n-1\n", *endless):
         path.write_text(noise)
         started(path, 1_000).write(STATUS)
         assert [row["agent_steps"] for row in read(path)] == ["1000"]
