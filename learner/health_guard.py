@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 from common.protocol.run_status import HealthCheck
+from common.schedule import Now
 from learner.phases import JUDGED_CHUNKS
 from learner.telemetry.sinks import formats
 
@@ -37,8 +38,7 @@ class HealthGuard:
     force: bool
     warn: Callable[[str], None]
     """Takes a sentence for people."""
-    now: Callable[[], float]
-    """Monotonic seconds."""
+    now: Now
 
     def __post_init__(self) -> None:
         self._red_steps = 2 * JUDGED_CHUNKS * self.chunk_steps

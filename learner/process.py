@@ -6,6 +6,7 @@ from contextlib import closing, nullcontext
 
 import torch
 
+from common.checked import MAX_COUNT
 from common.process.allocator import keep_large_blocks
 from common.process.exit_codes import RED
 from common.process.lifeline import on_signals
@@ -88,7 +89,7 @@ def train(options: LearnerOptions, again: bool) -> int:
         local = closing(launch(options, from_here(endpoint), folder)) if options.local else None
         with local or nullcontext() as children:
             join = join_command(options)
-            disk = replay.progress(sys.maxsize).file_bytes
+            disk = replay.progress(MAX_COUNT).file_bytes
             display.line(
                 f"run {folder.name} in {folder.path}: {config.game} ({config.env}), preset "
                 f"{config.preset}, on {device.name}; its replay takes {disk / 1e9:.2f} GB of disk; "

@@ -28,6 +28,7 @@ from functools import partial
 
 import tyro
 
+from common.checked import MAX_COUNT
 from common.errors import InputError, exit_on_input_error
 from common.process.allocator import keep_large_blocks
 from common.process.command_line import RunOptions, parse_run
@@ -106,14 +107,14 @@ def serve(options: ReplayOptions, again: bool) -> None:
                 pages |= _pages(buffer, folder.name)
             place = options.connect or options.listen
             say(f"replay of run {folder.name} in {folder.replay}, at {place}.")
-            say(_line(buffer.progress(sys.maxsize)))
+            say(_line(buffer.progress(MAX_COUNT)))
             tell("READY=1")
             while not stop.wait(_REPORT_EVERY):
-                progress = buffer.progress(sys.maxsize)
+                progress = buffer.progress(MAX_COUNT)
                 say(_line(progress), progress.values())
                 tell(f"STATUS={_line(progress)}", "WATCHDOG=1")
             tell("STOPPING=1")
-        say(_line(buffer.progress(sys.maxsize)))
+        say(_line(buffer.progress(MAX_COUNT)))
 
 
 def _open(options: ReplayOptions, stop: threading.Event) -> Transport:
@@ -150,11 +151,11 @@ def _pages(buffer: ReplayBuffer, run: str) -> dict[str, Callable[[], Page]]:
     from common.exposition import families, metrics_page
 
     def works() -> Page:
-        buffer.progress(sys.maxsize)
+        buffer.progress(MAX_COUNT)
         return verdict([])
 
     figures = metrics_page(
-        lambda: families({**buffer.progress(sys.maxsize).values(), "run/run": run})
+        lambda: families({**buffer.progress(MAX_COUNT).values(), "run/run": run})
     )
     return {"/healthz": works, "/readyz": works, "/metrics": figures}
 

@@ -12,7 +12,7 @@ from rich.table import Table
 from common.press_latency import KeyLatency
 from common.run.clock import ClockConfig
 from learner.evaluation.scores import Scores
-from learner.telemetry.sinks import formats as figures
+from learner.telemetry.sinks.formats import written
 
 ENDING = 800
 """Agent steps at the end of a game, 53 s of play: games are compared by them, and as a whole."""
@@ -84,7 +84,7 @@ def _hands(row: Mapping[str, Any]) -> str:
     """Returns p50 and p99 of the time from a command to its keys, for release and press."""
     release, press = (KeyLatency(**row[name]) for name in ("release_ms", "press_ms"))
     return ", ".join(
-        f"{name} {figures.written('ms', found.p50)}/{figures.written('ms', found.p99)}"
+        f"{name} {written('ms', found.p50)}/{written('ms', found.p99)}"
         for name, found in (("release", release), ("press", press))
         if release.measured + press.measured
     )

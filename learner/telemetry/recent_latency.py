@@ -18,8 +18,8 @@ LEAST_MEASURED = 100
 class RecentLatency:
     """Remembers the counts of the last `WINDOW` seconds, and computes percentiles."""
 
-    def __init__(self, clock: Now = time.monotonic) -> None:
-        self._clock = clock
+    def __init__(self, now: Now = time.monotonic) -> None:
+        self._now = now
         self._ticks: deque[tuple[float, tuple[int, ...]]] = deque()
 
     def values(self, counts: tuple[int, ...]) -> dict[str, Value]:
@@ -28,7 +28,7 @@ class RecentLatency:
         ``run/…`` are over the whole run. ``hands/…`` are recent, or over the whole run if too few
         recent commands were measured.
         """
-        now = self._clock()
+        now = self._now()
         self._ticks.append((now, counts))
         while now - self._ticks[0][0] > WINDOW:
             self._ticks.popleft()

@@ -140,9 +140,9 @@ class PlainDisplay(Display):
         stream: text stream; characters that its encoding lacks become ``?``.
     """
 
-    def __init__(self, stream: TextIO, clock: Now = time.monotonic) -> None:
+    def __init__(self, stream: TextIO, now: Now = time.monotonic) -> None:
         self._stream = stream
-        self._schedule = Every(PLAIN_SECONDS, clock)
+        self._schedule = Every(PLAIN_SECONDS, now)
         self._last: Snapshot | None = None
         self._gone = False
 

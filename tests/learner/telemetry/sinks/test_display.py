@@ -427,7 +427,7 @@ class Recorder:
     def __init__(self) -> None:
         self.now = 0.0
         self.stream = io.StringIO()
-        self.display = PlainDisplay(self.stream, clock=lambda: self.now)
+        self.display = PlainDisplay(self.stream, now=lambda: self.now)
 
     def said(self, status: Snapshot) -> list[str]:
         start = self.stream.tell()
