@@ -4,6 +4,7 @@ A state machine without threads of its own. `give_job` and `take_report` answer 
 ask from other processes through `learner.evaluation.service`; the training loop calls the rest.
 """
 
+import logging
 import math
 import threading
 import time
@@ -17,6 +18,7 @@ from common.run.config import ProtocolConfig
 from common.schedule import Now
 from learner.evaluation.snapshots import Snapshots
 
+_log = logging.getLogger(__name__)
 NEWCOMER = 5.0
 """Seconds after its job within which an evaluator counts as present, even if its presence is not
 known yet."""
@@ -196,7 +198,12 @@ class EvaluationCoordinator:
             test.began = self.seconds() if test.began is None else test.began
             now = self.now()
             self._shards[evaluator] = _Shard(test.epoch, steps, given=now, heard=now)
-        weights = self.snapshots.read(test.epoch)
+        try:
+            weights = self.snapshots.read(test.epoch)
+        except FileNotFoundError:  # or all later tests would wait for this one
+            _log.warning("epoch %d stays untested: its snapshot is missing", test.epoch)
+            self._drop(test.epoch)
+            return EvaluationJob("wait")
         return EvaluationJob("test", test.epoch, steps, self.protocol.test_epsilon, weights)
 
     def take_report(self, report: EvaluationReport) -> None:
@@ -219,6 +226,12 @@ class EvaluationCoordinator:
             if report.done:
                 # With the steps that another process of the same name has left unplayed.
                 self._give_back(report.evaluator)
+
+    def _drop(self, epoch: int) -> None:
+        with self._lock:
+            self._tests.pop(epoch, None)
+            for name in [name for name, each in self._shards.items() if each.epoch == epoch]:
+                del self._shards[name]
 
     def _give_back(self, evaluator: str) -> None:
         shard = self._shards.pop(evaluator)

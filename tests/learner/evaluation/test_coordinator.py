@@ -105,6 +105,20 @@ def test_steps_played_beyond_a_test_do_not_count_for_the_next(tmp_path: Path) ->
     assert tests.coordinator.steps_left == 100
 
 
+def test_a_test_whose_snapshot_was_removed_holds_up_no_other(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    tests = Place(tmp_path, "e", "f")
+    for epoch in (1, 2):
+        tests.coordinator.add(epoch_test(epoch), b"w")
+    assert tests.ask("e").epoch == 1
+    tests.coordinator.snapshots.file(1).unlink()
+    assert tests.ask("f").kind == "wait"
+    assert caplog.messages == ["epoch 1 stays untested: its snapshot is missing"]
+    assert not tests.report("e", 1, 50, [1.0], done=True)
+    assert (tests.ask("f").epoch, tests.coordinator.pending) == (2, 1)
+
+
 def test_while_a_test_is_pending_nobody_is_sent_home(tmp_path: Path) -> None:
     tests = Place(tmp_path, "e", "f")
     tests.coordinator.add(epoch_test(1), b"w")
