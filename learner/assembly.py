@@ -92,6 +92,7 @@ def build_learner(
         held_out,
         EpochTable(folder.epochs),
         _sinks(options, folder, transport, keys, display, more_sinks),
+        LiveFeed(transport, keys),
         clock.now,
         gpu=device.figures,
     )
@@ -164,7 +165,7 @@ def _sinks(
     more: Sequence[Sink],
 ) -> list[Sink]:
     """Returns all that takes the run's figures."""
-    feed, settings = LiveFeed(transport, keys), flat(options.config)
+    settings = flat(options.config)
     sinks: list[Sink] = [
         display,
         TensorBoardSink(folder.tensorboard, settings),
@@ -174,8 +175,6 @@ def _sinks(
         StatusSink(transport, keys),
         *more,
     ]
-    for sink in sinks:
-        sink.watch(feed)
     if options.track is not None:
         tracked = TrackedRun(folder.name, keys.run_id, settings)
         sinks.append(TrackerSink(options.track, tracked))

@@ -19,6 +19,7 @@ from learner.phases import Phases, epochs_per_day
 from learner.telemetry.actor_registry import ActorRegistry
 from learner.telemetry.health_checks import judge
 from learner.telemetry.held_out import HeldOut
+from learner.telemetry.live_feed import LiveFeed
 from learner.telemetry.recent_latency import RecentLatency
 from learner.telemetry.running_means import RunningMeans
 from learner.telemetry.sinks.sink import Sink
@@ -47,11 +48,15 @@ class Telemetry:
     """Takes a row for each phase."""
     sinks: Sequence[Sink]
     """Take the figures, each at its own period."""
+    feed: LiveFeed
+    """Answers the sinks what actors show; closed with them."""
     now: Now
     gpu: Callable[[], Values] = dict
     """Returns memory and utilisation of the GPU, if there is one."""
 
     def __post_init__(self) -> None:
+        for sink in self.sinks:
+            sink.watch(self.feed)
         self._due = [Every(sink.period, self.now) for sink in self.sinks]
         self._means = RunningMeans()
         self._latency = RecentLatency(self.now)
@@ -128,6 +133,7 @@ class Telemetry:
             for sink in reversed(self.sinks):
                 end.callback(sink.close)
                 end.callback(sink.write, snapshot)
+            end.callback(self.feed.close)  # first, so that no sink waits for an actor's picture
 
     def _snapshot(self, loop: Values, replay: Progress) -> Snapshot:
         for text in self.registry.take_notes():

@@ -34,15 +34,6 @@ class Display(Sink, AbstractContextManager["Display"]):
     """Shows a run; a context manager that always gives the terminal back."""
 
     period = 1.0
-    _feed: LiveFeed | None = None
-
-    def watch(self, feed: LiveFeed) -> None:
-        """Shows an actor's view from ``feed`` if there is room; `close` closes the feed."""
-        self._feed = feed
-
-    def close(self) -> None:
-        if self._feed is not None:
-            self._feed.close()
 
     def __exit__(self, *_: object) -> None:
         """Gives the terminal back."""
@@ -77,7 +68,11 @@ class LiveDisplay(Display):
             vertical_overflow="crop",
         )
         self._gone = False
+        self._feed: LiveFeed | None = None
         self._picture: LivePicture | None = None
+
+    def watch(self, feed: LiveFeed) -> None:
+        self._feed = feed
 
     def write(self, snapshot: Snapshot) -> None:
         self._try(lambda: self._draw(snapshot))

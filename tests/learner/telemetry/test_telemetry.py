@@ -55,6 +55,9 @@ class Last(Sink):
     def __init__(self) -> None:
         self.told: list[Any] = []
 
+    def watch(self, feed: Any) -> None:
+        self.feed = feed
+
     def start(self, resumed_at: int | None) -> None:
         self.told.append(("start", resumed_at))
 
@@ -96,6 +99,7 @@ class Run:
             SimpleNamespace(histogram=max_q, values=lambda: {"learning/mean_max_q": 2.5}),  # type: ignore[arg-type]
             self.table,
             (self.last, *sinks),
+            SimpleNamespace(close=lambda: self.last.told.append("no more pictures")),  # type: ignore[arg-type]
             lambda: self.now,
             **more,
         )
@@ -347,6 +351,14 @@ def test_what_a_full_disk_refuses_is_written_by_the_next_try(tmp_path: Path) -> 
     run.telemetry.report(LOOP, run.replay)
     run.telemetry.report(LOOP, run.replay)
     assert len(slow.told) == len(run.last.told) == 1
+
+
+def test_sinks_see_pictures_until_the_last_figures(tmp_path: Path) -> None:
+    run = Run(tmp_path)
+    assert run.last.feed is run.telemetry.feed
+    run.telemetry.close(LOOP, run.replay)
+    told, last = run.last.told
+    assert (told, type(last)) == ("no more pictures", Snapshot)
 
 
 def test_every_sink_is_closed_whatever_another_one_meets(tmp_path: Path) -> None:
