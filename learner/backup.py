@@ -42,8 +42,8 @@ def back_up(options: BackupOptions) -> Path:
     """Copies the run; returns the folder of the copy, which is complete and on the disk.
 
     Raises:
-        InputError: there is no run, the copy's folder exists already or is inside of the run, or
-            the disk is full.
+        InputError: there is no run, or the copy's folder exists already or is inside of the run.
+        OSError: a file cannot be read or written, as on a full disk; there is no copy then.
     """
     source = RunFolder.at(options.run.resolve())
     if source is None:
