@@ -2,8 +2,6 @@
 
 import json
 import math
-import time
-from collections.abc import Callable
 from dataclasses import asdict, replace
 from typing import Any
 
@@ -16,6 +14,7 @@ from common.transport.interface import Envelope, Transport
 from learner.telemetry.actor_registry import ActorRegistry
 from replay.chunk_statistics import ChunkStatistics
 from tests.learner.conftest import KEYS
+from tests.patience import wait_until
 
 STATS = ActorStats(
     name="a1", role="actor", incarnation=7, leaving=False, steps=640, steps_per_second=100.0,
@@ -23,13 +22,6 @@ STATS = ActorStats(
     valid=480, matched=320, decisions=700, missed_deadlines=5, late_frames=6,
     waits_given_up=7, key_times=(1,) * 60 + (5,) * 60,
 )  # fmt: skip
-
-
-def _until(condition: Callable[[], bool]) -> None:
-    deadline = time.monotonic() + 20
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
 
 
 def chunks(registry: ActorRegistry) -> tuple[Any, ...]:
@@ -54,10 +46,10 @@ def test_an_actor_from_its_arrival_to_its_leave(
     registry = ActorRegistry(hub, KEYS)
     notes: list[str] = []
     token = client.announce(KEYS.live("actor", "a1"))
-    _until(lambda: registry.alive("actor") == {"a1"})
+    wait_until(lambda: registry.alive("actor") == {"a1"}, "the actor is present")
     assert registry.alive("evaluator") == set()
     client.publisher(KEYS.stats("actor", "a1")).publish(STATS.encode())
-    _until(lambda: chunks(registry) == (10, 2, 0))
+    wait_until(lambda: chunks(registry) == (10, 2, 0), "the heartbeat is counted")
     (actor,) = registry.actors()
     assert (actor.alive, actor.stats) == (True, STATS)
     assert (actor.stats.valid_share, actor.stats.match_share) == (0.75, 0.5)
@@ -65,14 +57,14 @@ def test_an_actor_from_its_arrival_to_its_leave(
     client.publisher(KEYS.stats("actor", "a1")).publish(
         replace(STATS, leaving=True, made=11).encode()
     )
-    _until(lambda: chunks(registry) == (11, 2, 0))
+    wait_until(lambda: chunks(registry) == (11, 2, 0), "the heartbeat is counted")
     token.close()
 
     def told_that_it_left() -> bool:
         notes.extend(registry.take_notes())
         return "a1 left" in notes
 
-    _until(told_that_it_left)
+    wait_until(told_that_it_left, "its end is noted")
     assert notes == ["a1 joined", "a1 left"]
     (actor,) = registry.actors()
     assert not actor.alive
@@ -84,11 +76,11 @@ def test_one_that_goes_without_a_word_was_lost(
     monkeypatch.setattr(module, "_LAST_WORDS", math.inf)
     registry = ActorRegistry(hub, KEYS)
     token = client.announce(KEYS.live("actor", "a1"))
-    _until(lambda: registry.alive("actor") == {"a1"})
+    wait_until(lambda: registry.alive("actor") == {"a1"}, "the actor is present")
     client.publisher(KEYS.stats("actor", "a1")).publish(STATS.encode())
-    _until(lambda: chunks(registry) == (10, 2, 0))
+    wait_until(lambda: chunks(registry) == (10, 2, 0), "the heartbeat is counted")
     token.close()
-    _until(lambda: registry.alive("actor") == set())
+    wait_until(lambda: registry.alive("actor") == set(), "the actor has gone")
     assert registry.take_notes() == ["a1 joined"]
     assert registry.actors()[0].alive  # its last words may still come
     monkeypatch.setattr(module, "_LAST_WORDS", 0.0)
@@ -101,7 +93,7 @@ def test_heartbeats_of_another_run_are_not_counted(hub: Transport, client: Trans
     heartbeats = client.publisher(KEYS.stats("actor", "a1"))
     heartbeats.publish(replace(STATS, made=99, run_id="another").encode())
     heartbeats.publish(replace(STATS, incarnation=8).encode())
-    _until(lambda: chunks(registry) == (10, 2, 0))
+    wait_until(lambda: chunks(registry) == (10, 2, 0), "the heartbeat is counted")
 
 
 def test_counts_add_up_over_restarts_of_actor_and_learner(
@@ -112,7 +104,7 @@ def test_counts_add_up_over_restarts_of_actor_and_learner(
     client.publisher(KEYS.stats("actor", "a1")).publish(
         replace(STATS, incarnation=8, made=5).encode()
     )
-    _until(lambda: chunks(registry) == (15, 4, 0))
+    wait_until(lambda: chunks(registry) == (15, 4, 0), "the heartbeat is counted")
     again = ActorRegistry(client, KEYS)
     again.restore(json.loads(json.dumps(registry.state())))
     assert chunks(again) == (15, 4, 0)
@@ -133,7 +125,7 @@ def test_counts_add_up_over_restarts_of_actor_and_learner(
         voice.publish(beat)
         return chunks(again) == (16, 4, 0)
 
-    _until(known_after_another)
+    wait_until(known_after_another, "a later heartbeat is counted")
 
 
 def test_a_checkpoint_from_before_hands_were_timed_is_restored(hub: Transport) -> None:
@@ -154,7 +146,7 @@ def test_noise_is_passed_over(hub: Transport, client: Transport) -> None:
         replace(STATS, incarnation=8).encode()
     )
     client.publisher(KEYS.stats("actor", "a1")).publish(replace(STATS, made=3).encode())
-    _until(lambda: chunks(registry) != (0, 0, 0))
+    wait_until(lambda: chunks(registry) != (0, 0, 0), "the heartbeat is counted")
     assert chunks(registry) == (3, 2, 0)
 
 
@@ -165,10 +157,11 @@ def test_one_that_left_is_still_counted(
     registry = ActorRegistry(hub, KEYS)
     token = client.announce(KEYS.live("actor", "a1"))
     client.publisher(KEYS.stats("actor", "a1")).publish(replace(STATS, leaving=True).encode())
-    _until(lambda: chunks(registry) == (10, 2, 0) and registry.alive("actor") == {"a1"})
+    wait_until(lambda: chunks(registry) == (10, 2, 0), "the heartbeat is counted")
+    wait_until(lambda: registry.alive("actor") == {"a1"}, "the actor is present")
     assert not registry.actors()[0].left
     token.close()
-    _until(lambda: registry.alive("actor") == set())
+    wait_until(lambda: registry.alive("actor") == set(), "the actor has gone")
     (actor,) = registry.actors()
     assert (actor.left, actor.stats.made) == (True, 10)
 
