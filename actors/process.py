@@ -23,9 +23,9 @@ from common.process.service_manager import tell
 from common.process.threads import end_with_any_thread
 from common.protocol.run_keys import DEMONSTRATIONS, check_name
 from common.run.join import find_run, patiently
+from common.transport.chosen import connect
 from common.transport.credentials import check_certificates, own_name
 from common.transport.signature import checker
-from common.transport.zenoh_transport import connect
 
 
 def join(options: ActorOptions) -> None:

@@ -21,8 +21,8 @@ from common.process.threads import guarded
 from common.protocol.ack import Ack
 from common.protocol.actor_stats import ActorStats
 from common.run.join import find_run
+from common.transport.chosen import connect
 from common.transport.interface import Envelope, Unanswered
-from common.transport.zenoh_transport import connect
 
 _PATIENCE = 60.0
 _DEADLINE = 5.0

@@ -11,7 +11,7 @@ from typing import Self
 from benchmarks.child import free_endpoint, scratch
 from common.process.supervisor import Child
 from common.run.join import find_run
-from common.transport.zenoh_transport import connect
+from common.transport.chosen import connect
 from replay.chunk_statistics import ChunkStatistics
 from replay.client import RemoteReplay
 

@@ -15,7 +15,7 @@ from benchmarks.child import serve
 from benchmarks.synthetic import noise_chunks
 from benchmarks.transport_client import time_requests
 from common.run.join import find_run
-from common.transport.zenoh_transport import connect
+from common.transport.chosen import connect
 
 _PATIENCE = 60.0
 _FLUSH = 30.0

@@ -1,7 +1,7 @@
 """A router between a hub and its actors, in a process of its own, for `benchmarks.many_actors`."""
 
 from benchmarks.child import Helper, serve
-from common.transport.zenoh_transport import open_router
+from common.transport.zenoh_sessions import open_router
 
 
 class SecondRouter:

@@ -20,8 +20,8 @@ from benchmarks.pace import repeat
 from benchmarks.synthetic import noise_chunks
 from common.process.allocator import keep_large_blocks
 from common.run.join import find_run
+from common.transport.chosen import connect
 from common.transport.interface import Envelope, Requester, Transport, Unanswered
-from common.transport.zenoh_transport import connect
 from replay.client import RemoteReplay
 
 _PATIENCE = 60.0

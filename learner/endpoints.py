@@ -10,9 +10,9 @@ from common.process.http_endpoints import http_endpoints
 from common.run.folder import RunFolder
 from common.run.join import find_run, patiently
 from common.run.stored_config import differences
+from common.transport.chosen import connect, open_hub
 from common.transport.flood_guard import tolerated
 from common.transport.interface import Transport
-from common.transport.zenoh_transport import connect, open_hub
 from learner.options import LearnerOptions, web_address
 from learner.telemetry.sinks.sink import Sink
 from replay.client import RemoteReplay

@@ -20,9 +20,9 @@ from common.protocol.run_keys import RunKeys
 from common.protocol.run_status import RunStatus
 from common.run.join import find_run
 from common.strict_json import strict
+from common.transport.chosen import connect
 from common.transport.endpoint import DEFAULT_ENDPOINT
 from common.transport.interface import Transport
-from common.transport.zenoh_transport import connect
 from common.version import VERSION
 from learner.telemetry.health_checks import reasons
 from learner.telemetry.sinks.formats import UNKNOWN, decimal, ended, figure, fill, one_line, written

@@ -41,10 +41,10 @@ from common.process.threads import end_with_any_thread
 from common.protocol.run_keys import RunKeys
 from common.run.folder import RunFolder
 from common.run.join import patiently
+from common.transport.chosen import connect, open_hub
 from common.transport.endpoint import DEFAULT_ENDPOINT
 from common.transport.flood_guard import tolerated
 from common.transport.interface import Transport
-from common.transport.zenoh_transport import connect, open_hub
 from replay.chunk_statistics import Progress
 from replay.replay_buffer import ReplayBuffer
 from replay.server import ReplayServer

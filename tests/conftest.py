@@ -10,9 +10,10 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 from benchmarks.child import free_endpoint
-from common.transport import zenoh_transport
+from common.transport import zenoh_sessions
 from common.transport.interface import Transport
-from common.transport.zenoh_transport import ZenohTransport, connect, open_hub
+from common.transport.zenoh_sessions import connect, open_hub
+from common.transport.zenoh_transport import ZenohTransport
 from tests.certificates import certify
 from tests.forked import FORKING
 from tests.in_process_transport import InProcessHub
@@ -22,7 +23,7 @@ from tests.patience import PATIENCE
 settings.register_profile("patient", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("patient")
 # Nor does a link break because the machine stood still for some seconds.
-zenoh_transport.LEASE_MS = 60_000
+zenoh_sessions.LEASE_MS = 60_000
 
 
 def pytest_runtest_setup() -> None:

@@ -26,7 +26,7 @@ ARROWS = {
 """By package, the others that it may import."""
 
 DOORS: dict[str, str | tuple[str, ...]] = {
-    "zenoh": ("common/transport/zenoh_transport.py", "common/transport/zenoh_entities.py"),
+    "zenoh": "common/transport/zenoh_",
     "pybullet": "actors/robots/",
     "pybullet_data": "actors/robots/",
     "pybullet_utils": "actors/robots/",
@@ -50,13 +50,14 @@ DOORS: dict[str, str | tuple[str, ...]] = {
 
 
 def imported(source: str) -> Iterator[str]:
-    """Every package or module that ``source`` names in an absolute import."""
+    """Every package, module and name that ``source`` imports absolutely."""
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom) and node.level == 0:
             assert node.module is not None
             yield node.module
+            yield from (f"{node.module}.{alias.name}" for alias in node.names)
 
 
 def against_the_rules(path: str, source: str) -> set[tuple[str, str]]:
@@ -84,15 +85,25 @@ def test_imports_go_one_way_and_through_the_doors() -> None:
 
 
 def test_whoever_can_do_without_a_network_gets_a_transport() -> None:
-    """Only commands, and benchmarks of processes, open a Zenoh session."""
+    """Only commands, and benchmarks of processes, open one."""
     opening = {
         path
         for path, source in sources()
-        if "common.transport.zenoh_transport" in set(imported(source))
-        and not path.startswith("benchmarks/")
+        if "common.transport.chosen" in set(imported(source)) and not path.startswith("benchmarks/")
     }
     roles = {"actors/process.py", "replay/__main__.py"}
     assert opening == {*roles, "learner/endpoints.py", "learner/status.py"}
+
+
+def test_the_transport_is_chosen_in_one_place() -> None:
+    own = ("common/transport/zenoh_", "benchmarks/second_router.py")  # a router is Zenoh's alone
+    choosing = {
+        path
+        for path, source in sources()
+        if any(module.startswith("common.transport.zenoh_") for module in imported(source))
+        and not path.startswith(own)
+    }
+    assert choosing == {"common/transport/chosen.py"}
 
 
 @pytest.mark.parametrize(

@@ -21,9 +21,9 @@ from common.process.supervisor import Child
 from common.protocol.wire import decode_version
 from common.run.folder import RunFolder
 from common.run.join import find_run
+from common.transport.chosen import connect
 from common.transport.credentials import Role
 from common.transport.interface import Envelope
-from common.transport.zenoh_transport import connect
 
 RUN = "chaos"
 HUB, LEARNER, EVALUATOR = "replay", "learner", "evaluator-1"

@@ -20,7 +20,7 @@ from common.checked import FromOne
 from common.protocol.live_view import Viewpoint, ViewRequest
 from common.protocol.run_keys import RunKeys
 from common.run.presets import PRESETS
-from common.transport.zenoh_transport import connect, open_hub
+from common.transport.chosen import connect, open_hub
 
 _SETTLING = 50
 """Steps before the first picture."""

@@ -1,8 +1,8 @@
 """`Transport`: the verbs by which the processes of a run communicate.
 
 `zenoh_transport` implements them between machines; the tests have a transport between objects of
-one process. Keys are paths such as ``ale-robot/r/task``. ``*`` stands for one part of a key, and
-``**`` for any number of parts.
+one process. `chosen` says which one the programs use. Keys are paths such as ``ale-robot/r/task``.
+``*`` stands for one part of a key, and ``**`` for any number of parts.
 """
 
 from collections.abc import Callable

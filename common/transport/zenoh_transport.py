@@ -1,50 +1,17 @@
-"""`ZenohTransport`: implements `Transport` between machines, by a Zenoh session.
+"""`ZenohTransport`: implements `Transport` between machines, by a Zenoh session."""
 
-The topology is a star: one hub listens (the process that hosts the replay), and all others are its
-clients. Shared memory is off because it delivered corrupt data to stalled receivers. Scouting is
-off and the default address is loopback, so nothing is reachable from outside unless asked for. At
-addresses that begin with ``tls/``, every process shows a certificate, and may do what its role
-needs.
-"""
-
-import json
 import logging
-import time
 from collections.abc import Callable, Set
 from contextlib import AbstractContextManager
-from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import zenoh
 from zenoh.handlers import FifoChannel
 
-from common.errors import InputError, Unreachable
-from common.transport.access_control import (
-    LONGEST_RECEIVED,
-    MOST_SESSIONS,
-    access_control,
-    rate_limits,
-    size_limits,
-)
+from common.transport.access_control import LONGEST_RECEIVED
 from common.transport.checksum import seal
-from common.transport.credentials import (
-    Role,
-    allowed_actors,
-    allowed_runs,
-    check_certificates,
-    common_name,
-)
-from common.transport.endpoint import check_endpoint, check_free, is_loopback
-from common.transport.file_guard import FileGuard
-from common.transport.flood_guard import FloodGuard, tolerated
-from common.transport.hub_sockets import (
-    Address,
-    address_in,
-    forget_the_silent,
-    most_files,
-)
+from common.transport.hub_sockets import Address, address_in
 from common.transport.interface import Answer, Closeable, Envelope, Publisher, Requester
-from common.transport.leaky_bucket import STEPS_PER_SECOND
 from common.transport.zenoh_entities import (
     Declared,
     Service,
@@ -54,22 +21,14 @@ from common.transport.zenoh_entities import (
     envelope_of,
 )
 
-LEASE_MS = 3_000
-"""Silence after which the other side counts as gone, ms."""
 _MOST_UNREAD = 4
 """Maximum number of unread answers; senders of more have to wait."""
 _log = logging.getLogger(__name__)
-_NOT_TRUSTED = (
-    " If one runs there, its certificates or ours are of another authority or out of date, or the "
-    "hub's are not for this address."
-)
-
-
 _T = TypeVar("_T", bound=Closeable)
 
 
 class ZenohTransport(AbstractContextManager["ZenohTransport"]):
-    """Implements `Transport`; made by `open_hub` and `connect`."""
+    """Implements `Transport`; made by `zenoh_sessions`."""
 
     def __init__(self, session: zenoh.Session, let_in: Set[str] | None = None) -> None:
         """Args:
@@ -166,165 +125,3 @@ class ZenohTransport(AbstractContextManager["ZenohTransport"]):
         """Returns ``declared``, which is closed with this transport."""
         self._declared.append(declared)
         return declared
-
-
-def _config(mode: str, settings: dict[str, Any]) -> zenoh.Config:
-    config = zenoh.Config()
-    settings = {
-        "mode": mode,
-        "listen/endpoints": [],
-        "connect/endpoints": [],
-        "scouting/multicast/enabled": False,
-        "scouting/gossip/enabled": False,
-        "scouting/delay": 0,  # without scouting there is nothing to wait for
-        "transport/shared_memory/enabled": False,
-        "transport/link/tx/lease": LEASE_MS,
-        "transport/link/rx/max_message_size": LONGEST_RECEIVED,
-        # Queue entries have 64 KB: with 16, a minibatch leaves in one go, not two at a time.
-        "transport/link/tx/queue/size/data": 16,
-        **settings,
-    }
-    for key, value in settings.items():
-        config.insert_json5(key, json.dumps(value))
-    return config
-
-
-def _joining(endpoint: str) -> dict[str, Any]:
-    return {
-        "connect/endpoints": [endpoint],
-        "connect/timeout_ms": 1000,
-        "connect/exit_on_failure": True,
-        "connect/retry": {
-            "period_init_ms": 100,
-            "period_max_ms": 500,
-            "period_increase_factor": 2,
-        },
-    }
-
-
-def _listening(endpoint: str, files: int) -> dict[str, Any]:
-    # Zenoh's default of 1,000 would exclude the last of 1,024 actors.
-    sessions = min(MOST_SESSIONS, files * 3 // 8)
-    if sessions < MOST_SESSIONS:
-        _log.warning(
-            "%s takes at most %d processes, because this one may have %d open files: raise the "
-            "hard limit (ulimit -n) for more",
-            *(endpoint, sessions, files),
-        )
-    return {
-        "listen/endpoints": [endpoint],
-        "transport/unicast/max_sessions": sessions,
-        "transport/unicast/accept_pending": sessions,  # after a restart, all may come at once
-        **size_limits(),
-    }
-
-
-def open_router(endpoint: str, hub: str) -> ZenohTransport:
-    """Listens at ``endpoint`` for processes, and relays messages between them and the hub.
-
-    It joins ``hub`` whenever that is there. It works only at ``tcp/`` addresses: a hub knows by
-    certificate which process is at the other end of a connection, and behind a router there are
-    many.
-    """
-    settings = {
-        **_joining(hub),
-        "connect/timeout_ms": -1,
-        "connect/exit_on_failure": False,
-        **_listening(endpoint, most_files()),
-    }
-    return ZenohTransport(zenoh.open(_config("router", settings)))
-
-
-def open_hub(
-    endpoint: str,
-    certificates: Path | None = None,
-    most: float = tolerated(STEPS_PER_SECOND),
-    run: str | None = None,
-) -> ZenohTransport:
-    """Listens at ``endpoint`` for all processes of the run. Raises InputError if the port is taken,
-    the address does not belong to this machine, or the certificates cannot be used.
-
-    Args:
-        certificates: folder with the hub's certificates, for a ``tls/`` endpoint.
-        most: maximum bytes per second of an actor with a certificate by name; one that sends more
-            is cut off for a while.
-        run: the hub's own run, for which no other replay may answer.
-    """
-    credentials = check_certificates(endpoint, certificates, "hub")
-    host, port = check_endpoint(endpoint)
-    if credentials is None and not is_loopback(host):
-        _log.warning(
-            "whoever reaches %s can send chunks and weights: use a tls/ address "
-            "(deploy/README.md), or a network whose machines you trust",
-            endpoint,
-        )
-    try:
-        check_free(host, port)
-    except OSError as error:
-        another = f"{endpoint.rpartition(':')[0]}:{port + (1 if port < 65_535 else -1)}"
-        raise InputError(
-            f"cannot listen at {endpoint} ({error.strerror}): another learner or replay may be "
-            f"running there; choose another address, as by --listen {another}."
-        ) from None
-    files = most_files()
-    settings = {**_listening(endpoint, files), "downsampling": rate_limits()}
-    let_in, by_name = None, set[str]()
-    if credentials is not None and certificates is not None:
-        actors = allowed_actors(certificates, listed=True)
-        access = access_control(actors, allowed_runs(certificates, run))
-        settings |= {**credentials.settings("hub"), "access_control": access}
-        let_in = {subject["id"] for subject in access["subjects"]}
-        by_name = {common_name("actor", name) for name in actors or ()}
-    # Controlled by RUST_LOG; denied messages are reported only there.
-    zenoh.try_init_log_from_env()  # type: ignore[no-untyped-call]
-    try:
-        session = zenoh.open(_config("router", settings))
-    except zenoh.ZError as error:
-        raise InputError(f"cannot listen at {endpoint}: {error}") from None
-    forget_the_silent(port, LEASE_MS)
-    transport = ZenohTransport(session, let_in)
-    transport.keep(FileGuard(port, files))
-    if let_in is not None:
-        guard = transport.keep(FloodGuard(port, let_in - by_name, most))
-        transport.watch_links(guard.hear)
-    return transport
-
-
-def connect(
-    endpoint: str,
-    patience: float,
-    stopped: Callable[[], bool] = lambda: False,
-    *,
-    role: Role = "actor",
-    name: str | None = None,
-    certificates: Path | None = None,
-) -> ZenohTransport:
-    """Joins the hub at ``endpoint``, trying for up to ``patience`` seconds.
-
-    Args:
-        name: name of an actor, which may have a certificate of its own, or of a replay's run.
-        certificates: folder with the certificates of ``role``, for a ``tls/`` endpoint.
-
-    Raises:
-        InputError: there was no answer in that time, or the certificates cannot be used.
-        KeyboardInterrupt: ``stopped`` became true.
-    """
-    credentials = check_certificates(endpoint, certificates, role, name)
-    settings = _joining(endpoint)
-    if credentials is not None:
-        settings |= credentials.settings(role)
-    config = _config("client", settings)
-    began = time.monotonic()
-    while True:
-        try:
-            return ZenohTransport(zenoh.open(config))
-        except zenoh.ZError:
-            if stopped():
-                raise KeyboardInterrupt from None
-            waited = time.monotonic() - began
-            if waited >= patience:
-                raise Unreachable(
-                    f"no hub answered at {endpoint} in {waited:.0f} s: start a learner "
-                    "there, or name its address with --connect."
-                    + ("" if credentials is None else _NOT_TRUSTED)
-                ) from None

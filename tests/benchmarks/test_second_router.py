@@ -10,7 +10,7 @@ from benchmarks.child import free_endpoint
 from benchmarks.second_router import second_router
 from common.protocol.run_keys import RunKeys
 from common.transport.interface import Envelope, Requester, Transport, Unanswered
-from common.transport.zenoh_transport import connect, open_hub
+from common.transport.zenoh_sessions import connect, open_hub
 from tests.patience import PATIENCE, wait_until
 
 KEYS = RunKeys("r")

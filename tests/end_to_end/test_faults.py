@@ -19,7 +19,7 @@ from benchmarks.chaos.link import Link
 from benchmarks.child import free_endpoint
 from common.run.folder import write_atomically
 from common.run.join import find_run
-from common.transport.zenoh_transport import connect
+from common.transport.chosen import connect
 from replay.chunk_statistics import Progress
 from replay.client import RemoteReplay
 from tests.end_to_end.conftest import SMALL, Program, Stage

@@ -15,7 +15,7 @@ import pytest
 from benchmarks.child import free_endpoint
 from common.run.join import find_run
 from common.run.presets import PRESETS
-from common.transport.zenoh_transport import connect
+from common.transport.chosen import connect
 from replay.client import RemoteReplay
 from tests.patience import PATIENCE, wait_until
 from tests.replay.replay_reference import GOES_ON, RUN, TERMINATES, Actor

@@ -19,7 +19,7 @@ from common.protocol.live_view import MAX_VIEW_BYTES
 from common.protocol.run_keys import RunKeys
 from common.transport.credentials import Role, check_certificates, own_name
 from common.transport.interface import Request, Transport
-from common.transport.zenoh_transport import connect, open_hub
+from common.transport.zenoh_sessions import connect, open_hub
 from tests.certificates import SCRIPT, certify
 from tests.paths import ROOT
 from tests.patience import PATIENCE, wait_until
@@ -635,7 +635,7 @@ def test_the_script_tells_how_it_is_used(tmp_path: Path) -> None:
 HUB = """
 import sys
 from pathlib import Path
-from common.transport.zenoh_transport import open_hub
+from common.transport.zenoh_sessions import open_hub
 with open_hub(sys.argv[1], Path(sys.argv[2])):
     print("it listens", flush=True)
     sys.stdin.read()

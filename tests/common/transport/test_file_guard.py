@@ -7,10 +7,11 @@ from pathlib import Path
 import pytest
 
 from common.protocol.run_keys import RunKeys
-from common.transport import zenoh_transport
+from common.transport import zenoh_sessions
 from common.transport.endpoint import check_endpoint
 from common.transport.hub_sockets import open_files
-from common.transport.zenoh_transport import ZenohTransport, connect, open_hub
+from common.transport.zenoh_sessions import connect, open_hub
+from common.transport.zenoh_transport import ZenohTransport
 from tests.patience import PATIENCE, wait_until
 
 KEY = RunKeys("r").insert("left")
@@ -34,7 +35,7 @@ def test_strangers_are_not_let_in_where_they_are_too_many_and_all_others_go_on(
             return stack.enter_context(client)
 
         most = (open_files() + 2 * _SOME) * 8 // 5
-        monkeypatch.setattr(zenoh_transport, "most_files", lambda: most)
+        monkeypatch.setattr(zenoh_sessions, "most_files", lambda: most)
         hub = stack.enter_context(open_hub(address, folder))
         hub.serve(KEY, lambda _: b"ok")
         left = actor("left").requester(KEY, PATIENCE)

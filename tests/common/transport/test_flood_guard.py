@@ -12,7 +12,8 @@ from common.transport.flood_guard import CUT_OFF, FloodGuard, tolerated
 from common.transport.hub_sockets import Address
 from common.transport.interface import Requester, Transport
 from common.transport.leaky_bucket import STEPS_PER_SECOND
-from common.transport.zenoh_transport import ZenohTransport, connect, open_hub
+from common.transport.zenoh_sessions import connect, open_hub
+from common.transport.zenoh_transport import ZenohTransport
 from tests.patience import PATIENCE, wait_until
 
 KEYS = RunKeys("r")

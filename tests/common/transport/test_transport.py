@@ -13,7 +13,7 @@ from common.errors import InputError, MessageError
 from common.process.threads import end_with_any_thread
 from common.transport.interface import Envelope, Request, Transport, Unanswered
 from common.transport.requests import Window
-from common.transport.zenoh_transport import connect, open_hub
+from common.transport.zenoh_sessions import connect, open_hub
 from tests.in_process_transport import InProcessHub
 from tests.patience import PATIENCE, wait_until
 

@@ -17,17 +17,13 @@ import zenoh
 from common.errors import InputError, Unreachable
 from common.protocol.run_keys import RunKeys
 from common.protocol.wire import MAX_MESSAGE_BYTES
-from common.transport import hub_sockets, zenoh_entities, zenoh_transport
+from common.transport import hub_sockets, zenoh_entities, zenoh_sessions, zenoh_transport
 from common.transport.access_control import MOST_SESSIONS
 from common.transport.checksum import seal
 from common.transport.endpoint import DEFAULT_ENDPOINT, check_endpoint, is_loopback
 from common.transport.interface import Envelope, Request, Unanswered
-from common.transport.zenoh_transport import (
-    LEASE_MS,
-    ZenohTransport,
-    connect,
-    open_hub,
-)
+from common.transport.zenoh_sessions import LEASE_MS, connect, open_hub
+from common.transport.zenoh_transport import ZenohTransport
 from tests.patience import PATIENCE, wait_until
 
 
@@ -104,7 +100,7 @@ def test_a_hub_that_gets_few_files_takes_fewer_processes_and_says_so(
     few_files: int, endpoint: str, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setattr(hub_sockets, "_MOST_FILES", 8)
-    monkeypatch.setattr(zenoh_transport, "MOST_SESSIONS", 400)
+    monkeypatch.setattr(zenoh_sessions, "MOST_SESSIONS", 400)
     with open_hub(endpoint):
         assert resource.getrlimit(resource.RLIMIT_NOFILE)[0] == few_files
     told = f"{endpoint} takes at most 384 processes, because this one may have 1024 open files"
@@ -112,7 +108,7 @@ def test_a_hub_that_gets_few_files_takes_fewer_processes_and_says_so(
 
 
 def test_whoever_does_not_fit_is_not_let_in(endpoint: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(zenoh_transport, "most_files", lambda: 3)
+    monkeypatch.setattr(zenoh_sessions, "most_files", lambda: 3)
     with (
         open_hub(endpoint),
         connect(endpoint, PATIENCE),
