@@ -16,7 +16,10 @@ from common.checked import MAX_COUNT
 from common.errors import MessageError
 
 SCHEMA = 9
-"""Version of every message; processes of different versions refuse each other."""
+"""Version of every message; processes of different versions refuse each other.
+
+`tests/common/protocol/test_schema.py` fails if a message changes, and says what to do here.
+"""
 MAX_MESSAGE_BYTES = 64 * 1024 * 1024
 MAX_ITEMS = 10_000
 """Maximum number of items of one list or map."""
