@@ -29,6 +29,8 @@ PROGRAMS: dict[str, tuple[str, ...]] = {
 user's."""
 LOADING = {"watch", "play", "record", "check", "film", "evaluate"}
 """Commands that announce at a terminal that they load PyTorch; `train` announces it everywhere."""
+EXTENSIBLE = {"train", "replay", "evaluate", "watch", "play", "human", "record", "check", "film"}
+"""Commands whose flags choose an environment, a robot or an algorithm."""
 
 SHOWING = ("watch", "play")
 """Commands that accept a network without ``--weights``, as `evaluate` does."""
@@ -61,7 +63,6 @@ Train a robot on this machine until Ctrl-C.
   --preset NAME        settings to start from: robot (default), fast or paper
   --actors N           number of robots that play at the same time (default 1)
   --steps N            agent steps at which the run ends; 500,000 take an hour
-  --seed N             seed of weights, minibatches and games
   --initial NAME|FILE  network to start from, instead of a fresh one
   --demonstrations FOLDER   recorded games with which the replay starts
   --play.vector        commands, keys and joints as input, beside the frames
@@ -246,12 +247,15 @@ List the shipped policies; share policies through a model hub.
 """,
 }
 """Short help by command: what it does in one line, examples, and the most common flags. With the
-last line of `help_of` it fits one screen of 24 lines and 80 columns."""
+last lines of `help_of` it fits one screen of 24 lines and 80 columns."""
 
 
 def help_of(name: str) -> str:
     """Returns what `ale-robot NAME --help` prints."""
-    return f"{HELP[name]}\nAll flags: ale-robot {name} --help-all"
+    more = f"\nAll flags: ale-robot {name} --help-all"
+    if name in EXTENSIBLE:
+        more += "\nSettings of an extension: the same, beside the flag that chooses it (--env NAME)"
+    return HELP[name] + more
 
 
 def overview(*, everything: bool) -> str:

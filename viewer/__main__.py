@@ -23,6 +23,7 @@ import cv2
 from common.errors import exit_on_input_error
 from common.process.command_line import parse
 from common.process.lifeline import on_signals
+from common.process.own_flags import own_help
 from viewer.check import Check
 from viewer.draws import Draws
 from viewer.film import Film
@@ -42,7 +43,7 @@ def main() -> int:
     if (kind := COMMANDS.get(name)) is None:
         command = parse(EVERY, "viewer", [name, *arguments])
     else:
-        command = parse(kind, f"viewer {name}", arguments)
+        command = parse(kind, f"viewer {name}", arguments, own_help(arguments))
     if isinstance(command, Played):
         command.check()
     stop = threading.Event()

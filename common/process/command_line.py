@@ -4,19 +4,15 @@ The preset is read first and gives the defaults of all other flags, so `--help` 
 that a run would really use.
 """
 
-import argparse
 import contextlib
 import dataclasses
 import inspect
 import io
-import json
 import re
 import shutil
 import sys
 import textwrap
-import tomllib
 from collections.abc import Callable, Sequence
-from itertools import chain, dropwhile, takewhile
 from pathlib import Path
 from typing import Annotated, Any, TypeVar, get_type_hints
 
@@ -25,14 +21,16 @@ from tyro import _strings
 
 from common.checked import Count, FromOne, Invalid, build
 from common.errors import InputError, choice
+from common.process.config_file import with_file
 from common.process.exit_codes import table
+from common.process.first_flags import read_first
+from common.process.flag_errors import as_sentence
 from common.process.own_flags import going_on_from, own_help
 from common.registry import ENVIRONMENTS
-from common.regular_file import read_file
 from common.run.config import RunConfig, all_ranges
 from common.run.origin import find_weights
 from common.run.presets import PRESETS
-from common.run.stored_config import REMOVED, RENAMED, flag_of, flat, from_mapping, settings
+from common.run.stored_config import REMOVED, RENAMED, flag_of, flat
 from common.transport.endpoint import DEFAULT_ENDPOINT
 from common.transport.leaky_bucket import STEPS_PER_SECOND
 from common.version import VERSION
@@ -85,11 +83,8 @@ def _wrapped(text: str) -> _Wrapped:
 
 def preset_of(arguments: Sequence[str]) -> RunConfig:
     """Returns the preset that ``arguments`` ask for by ``--preset``, or else that of ``--env``."""
-    first = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
-    first.add_argument("--preset")
-    first.add_argument("--env")
-    known, _ = first.parse_known_args(list(arguments))
-    name = known.preset or ENVIRONMENTS.find(known.env or RunConfig.env).preset
+    known, _ = read_first(arguments, {"preset": ["--preset"], "env": ["--env"]})
+    name = known.get("preset") or ENVIRONMENTS.find(known.get("env") or RunConfig.env).preset
     if name not in PRESETS:
         raise InputError(f"there is no preset {name!r}: {choice(name, list(PRESETS))}")
     return PRESETS[name]
@@ -194,100 +189,9 @@ def parse(
             if not left.code:
                 raise
             flag = "--help-all" if command.startswith("ale-robot ") else "--help"
-            raise InputError(_sentence(told.getvalue(), f"{command} {flag}")) from None
+            raise InputError(as_sentence(told.getvalue(), f"{command} {flag}")) from None
     check_bounds(parsed)
     return parsed
-
-
-def _sentence(box: str, all_flags: str) -> str:
-    """Returns tyro's error, which it prints in a box, as one sentence, with the command that prints
-    all flags."""
-    # Without UTF-8 the box has no border, and its rules are made of "-".
-    _, *lines = (line.strip("│╭╮╰╯─ ") for line in box.strip().splitlines())
-    body = dropwhile(_is_rule, lines)
-    first = " ".join(takewhile(lambda line: not _is_rule(line), body))
-    if "Unrecognized" not in box:
-        return f"{_plainly(first)} `{all_flags}` explains the flags."
-    unknown = first.removeprefix("Unrecognized options: ").partition(",")[0]
-    flags = [line for line in lines if line.startswith("--") and not _is_rule(line)]
-    alike = [line.split()[0].strip(",") for line in flags]
-    hint = f"did you mean {alike[0]}?" if alike else f"`{all_flags}` lists the flags."
-    if not unknown.startswith("-"):
-        return f"{unknown} has no flag before it: {hint}"
-    return f"there is no flag {unknown}: {hint}"
-
-
-_SAID = {
-    r"Error parsing (\S+): invalid literal for int\(\) with base 10: (.*)": (
-        r"\1 is \2: give a whole number;"
-    ),
-    r"Error parsing (\S+): could not convert string to float: (.*)": r"\1 is \2: give a number;",
-    r"(?:Error parsing )?(\S+): no type matching \S+\|INT could be .* from \['(.*)'\].*": (
-        r"\1 is '\2': give a whole number;"
-    ),
-    r"[Ii]nvalid choice (.*) for argument '(\S+)'\. Expected one of \((.*)\)\.": (
-        r"\2 is \1: choose one of \3;"
-    ),
-    r"Missing value for argument '(\S+)'.*": r"\1 needs a value:",
-    r"Missing from .*?: \{(.*?)\} (.*?)\.? \(required\).*": r"name one of \1 (\2):",
-    r"Missing from .*?: STR (.*?)\.? \(required\).*": r"a name is missing (\1):",
-    # If several are missing, the first is named.
-    r"Missing from .*?: ((?:(?:-\S+|STR,|PATH,) )*)(STR|PATH|FILE) (.*?)\.? \(required\).*": (
-        r"\1\2 is missing (\3):"
-    ),
-}
-"""Patterns of tyro's messages, and what people read instead."""
-
-
-def _plainly(said: str) -> str:
-    """Returns the beginning of a sentence that goes on with a command."""
-    said = re.sub(r"\{.*?\}", lambda names: names[0].replace(",", ", "), said)
-    for pattern, plainly in _SAID.items():
-        if found := re.fullmatch(pattern, said):
-            return found.expand(plainly)
-    return f"{said.removeprefix('Error parsing ').rstrip('.')}:"
-
-
-def _is_rule(line: str) -> bool:
-    return not line.strip("-")
-
-
-def with_file(arguments: Sequence[str]) -> list[str]:
-    """Returns ``arguments`` with ``--config FILE`` replaced by the flags that the file stands for.
-
-    They come first, so flags on the command line override them. The file is TOML whose tables are
-    groups of flags, the ``config.json`` of a run, or the card of a policy. Raises InputError if it
-    cannot be read.
-    """
-    first = argparse.ArgumentParser(add_help=False, allow_abbrev=False, exit_on_error=False)
-    first.add_argument("--config", type=Path)
-    try:
-        known, rest = first.parse_known_args(list(arguments))
-    except argparse.ArgumentError:
-        raise InputError("--config names a file of settings: add it, as --config FILE.") from None
-    if known.config is None:
-        return list(arguments)
-    try:
-        text = read_file(known.config).decode()
-        if known.config.suffix == ".json":
-            told = json.loads(text)
-            stored = told.get("config", told) if isinstance(told, dict) else told
-            told = dataclasses.asdict(from_mapping(RunConfig, stored, str(known.config), fill=True))
-        else:
-            told = tomllib.loads(text)
-        given = {
-            name.replace("-", "_"): value for name, value in settings(told) if value is not None
-        }
-        flags = list(chain.from_iterable(flag_of(*each) for each in given.items()))
-    except OSError as error:
-        raise InputError(f"--config {known.config} cannot be read: {error.strerror}.") from None
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"--config {known.config} cannot be read: {error}.") from None
-    if "config" in told:
-        raise InputError(f"{known.config} names another file of settings: remove config from it.")
-    if any("\0" in flag for flag in flags):
-        raise InputError(f"--config {known.config} holds a NUL character: remove it.")
-    return [*flags, *going_on_from(given, rest)]
 
 
 def check_bounds(options: Any) -> None:

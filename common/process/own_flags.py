@@ -1,11 +1,11 @@
 """Flags of the settings that extensions declare for themselves: how they go on from stored ones,
 and their help."""
 
-import argparse
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from typing import Any, get_type_hints
 
+from common.process.first_flags import read_first
 from common.run.meanings import bounds, docstrings
 from common.run.own_settings import EXTENSIONS, defaults_of, merged, written
 from common.run.stored_config import flag_of
@@ -58,15 +58,6 @@ def own_help(arguments: Sequence[str]) -> str:
 
 def _split(arguments: Sequence[str]) -> tuple[dict[str, str], list[str]]:
     """Returns what ``arguments`` say of extensions, by the setting's name, and the others."""
-    parser = argparse.ArgumentParser(
-        add_help=False, allow_abbrev=False, exit_on_error=False, argument_default=argparse.SUPPRESS
-    )
-    for setting in (name for extension in EXTENSIONS for name in extension[:2]):
-        flag, _ = flag_of(setting, "")
-        others = {f"--{setting}", "--robot" if setting == "play.robot" else flag} - {flag}
-        parser.add_argument(flag, *others, dest=setting)
-    try:
-        known, rest = parser.parse_known_args(list(arguments))
-    except argparse.ArgumentError:
-        return {}, list(arguments)  # a value is missing, as will be told
-    return vars(known), rest
+    ways = {name: {flag_of(name, "")[0], f"--{name}"} for each in EXTENSIONS for name in each[:2]}
+    ways["play.robot"].add("--robot")
+    return read_first(arguments, {name: sorted(flags) for name, flags in ways.items()})

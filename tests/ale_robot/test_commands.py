@@ -5,15 +5,18 @@ import re
 import signal
 import subprocess
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 
 import ale_robot.__main__ as command_line
-from ale_robot.commands import HELP, PROGRAMS, overview
+from ale_robot.commands import EXTENSIBLE, HELP, PROGRAMS, overview
 from common.errors import InputError
+from common.registry import ENVIRONMENTS, Environment
 from common.run.origin import SHIPPED
+from tests.extending.whole_run import added
 from tests.paths import ROOT
 
 
@@ -30,7 +33,8 @@ def test_the_short_help_fits_a_screen(
     lines = capsys.readouterr().out.splitlines()
     assert len(lines) <= 23
     assert max(map(len, lines)) <= 80
-    assert lines[-1] == f"All flags: ale-robot {name} --help-all"
+    assert f"All flags: ale-robot {name} --help-all" in lines[-2:]
+    assert lines[-1].startswith("Settings of an extension: " if name in EXTENSIBLE else "All flags")
     assert any(line.startswith(f"  ale-robot {name}") for line in lines)
 
 
@@ -47,6 +51,24 @@ def test_every_flag_of_the_short_help_is_one_of_the_program(
     assert left.value.code == 0
     known = set(re.findall(r"(?<![\w-])--?[a-z][\w.-]*", capsys.readouterr().out))
     assert told - {"--help-all"} <= known
+
+
+@dataclass(frozen=True)
+class Settings:
+    lamps: int = 3
+    """Number of lamps."""
+
+
+@pytest.mark.parametrize("name", sorted(EXTENSIBLE))
+def test_all_flags_beside_an_extension_include_its_settings(
+    name: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    entry = Environment("lit", "nowhere:lit", lambda config: 1, settings=Settings)
+    with added(ENVIRONMENTS, entry), pytest.raises(SystemExit):
+        run(monkeypatch, name, "--env", "lit", "--help-all")
+    said = capsys.readouterr().out
+    assert "Settings of lit, each for --play.env-settings 'NAME=VALUE ...':\n" in said
+    assert "\n  lamps=3 (integer): Number of lamps.\n" in said
 
 
 def test_a_command_is_its_program_with_its_flags_before_the_users(

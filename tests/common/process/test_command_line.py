@@ -280,7 +280,10 @@ def test_a_flag_that_is_gone_is_said_to_be(flag: str) -> None:
         (["--gmae", "pong"], r"^there is no flag --gmae: did you mean --game\?$"),
         (["--zzz=1"], r"^there is no flag --zzz.*: `python -m program --help` lists the flags\.$"),
         (["pong"], r"^pong has no flag before it: `python -m program --help` lists the flags\.$"),
-        (["--seed"], r"^--seed needs a value: `python -m program --help` explains the flags\.$"),
+        *(
+            ([flag], rf"^{flag} needs a value: `python -m program --help` explains the flags\.$")
+            for flag in ("--seed", "--preset", "--env")
+        ),
         (["--seed", "two"], r"^--seed is 'two': give a whole number; `python -m program --help` "),
         (["--learning.discount", "x"], r"^--learning.discount is 'x': give a number; `python "),
         (

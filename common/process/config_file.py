@@ -1,0 +1,51 @@
+"""``--config FILE``: settings in a file, as flags."""
+
+import dataclasses
+import json
+import tomllib
+from collections.abc import Sequence
+from itertools import chain
+from pathlib import Path
+
+from common.errors import InputError
+from common.process.first_flags import read_first
+from common.process.own_flags import going_on_from
+from common.regular_file import read_file
+from common.run.config import RunConfig
+from common.run.stored_config import flag_of, from_mapping, settings
+
+
+def with_file(arguments: Sequence[str]) -> list[str]:
+    """Returns ``arguments`` with ``--config FILE`` replaced by the flags that the file stands for.
+
+    They come first, so flags on the command line override them. The file is TOML whose tables are
+    groups of flags, the ``config.json`` of a run, or the card of a policy. Raises InputError if it
+    cannot be read.
+    """
+    known, rest = read_first(arguments, {"config": ["--config"]})
+    if "--config" in rest:
+        raise InputError("--config names a file of settings: add it, as --config FILE.")
+    if not known:
+        return rest
+    file = Path(known["config"])
+    try:
+        text = read_file(file).decode()
+        if file.suffix == ".json":
+            told = json.loads(text)
+            stored = told.get("config", told) if isinstance(told, dict) else told
+            told = dataclasses.asdict(from_mapping(RunConfig, stored, str(file), fill=True))
+        else:
+            told = tomllib.loads(text)
+        given = {
+            name.replace("-", "_"): value for name, value in settings(told) if value is not None
+        }
+        flags = list(chain.from_iterable(flag_of(*each) for each in given.items()))
+    except OSError as error:
+        raise InputError(f"--config {file} cannot be read: {error.strerror}.") from None
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"--config {file} cannot be read: {error}.") from None
+    if "config" in told:
+        raise InputError(f"{file} names another file of settings: remove config from it.")
+    if any("\0" in flag for flag in flags):
+        raise InputError(f"--config {file} holds a NUL character: remove it.")
+    return [*flags, *going_on_from(given, rest)]

@@ -1,0 +1,57 @@
+"""tyro's errors about flags, as sentences for people."""
+
+import re
+from itertools import dropwhile, takewhile
+
+
+def as_sentence(box: str, all_flags: str) -> str:
+    """Returns tyro's error, which it prints in a box, as one sentence, with the command that prints
+    all flags."""
+    # Without UTF-8 the box has no border, and its rules are made of "-".
+    _, *lines = (line.strip("│╭╮╰╯─ ") for line in box.strip().splitlines())
+    body = dropwhile(_is_rule, lines)
+    first = " ".join(takewhile(lambda line: not _is_rule(line), body))
+    if "Unrecognized" not in box:
+        return f"{_plainly(first)} `{all_flags}` explains the flags."
+    unknown = first.removeprefix("Unrecognized options: ").partition(",")[0]
+    flags = [line for line in lines if line.startswith("--") and not _is_rule(line)]
+    alike = [line.split()[0].strip(",") for line in flags]
+    hint = f"did you mean {alike[0]}?" if alike else f"`{all_flags}` lists the flags."
+    if not unknown.startswith("-"):
+        return f"{unknown} has no flag before it: {hint}"
+    return f"there is no flag {unknown}: {hint}"
+
+
+_SAID = {
+    r"Error parsing (\S+): invalid literal for int\(\) with base 10: (.*)": (
+        r"\1 is \2: give a whole number;"
+    ),
+    r"Error parsing (\S+): could not convert string to float: (.*)": r"\1 is \2: give a number;",
+    r"(?:Error parsing )?(\S+): no type matching \S+\|INT could be .* from \['(.*)'\].*": (
+        r"\1 is '\2': give a whole number;"
+    ),
+    r"[Ii]nvalid choice (.*) for argument '(\S+)'\. Expected one of \((.*)\)\.": (
+        r"\2 is \1: choose one of \3;"
+    ),
+    r"Missing value for argument '(\S+)'.*": r"\1 needs a value:",
+    r"Missing from .*?: \{(.*?)\} (.*?)\.? \(required\).*": r"name one of \1 (\2):",
+    r"Missing from .*?: STR (.*?)\.? \(required\).*": r"a name is missing (\1):",
+    # If several are missing, the first is named.
+    r"Missing from .*?: ((?:(?:-\S+|STR,|PATH,) )*)(STR|PATH|FILE) (.*?)\.? \(required\).*": (
+        r"\1\2 is missing (\3):"
+    ),
+}
+"""Patterns of tyro's messages, and what people read instead."""
+
+
+def _plainly(said: str) -> str:
+    """Returns the beginning of a sentence that goes on with a command."""
+    said = re.sub(r"\{.*?\}", lambda names: names[0].replace(",", ", "), said)
+    for pattern, plainly in _SAID.items():
+        if found := re.fullmatch(pattern, said):
+            return found.expand(plainly)
+    return f"{said.removeprefix('Error parsing ').rstrip('.')}:"
+
+
+def _is_rule(line: str) -> bool:
+    return not line.strip("-")
