@@ -26,6 +26,8 @@ from common.actions import KEYS_OF_ACTION, Keys
 if TYPE_CHECKING:
     from common.run.conditions import PlayConfig
 
+MAX_VECTOR = 1_024
+"""Maximum number of components."""
 ACTIONS = len(KEYS_OF_ACTION)
 KEYS = tuple(key for key in Keys if key)
 

@@ -17,11 +17,12 @@ PAGE = Path(__file__).with_name("settings.md")
 _HEAD = """\
 # Settings
 
-Written by `python -m docs.settings` from `common/run/config.py` and `common/run/conditions.py`;
-a test compares them. Each setting is a flag of `ale-robot train`, and a line of a `--config` file.
-The three columns on the right are the values of `--preset paper`, `fast` and `robot`;
-[presets.py](../common/run/presets.py) gives the reason for each. Flags that belong to a process and
-not to the run are with [several machines](../deploy/README.md#the-learners-flags-of-operation).
+Written by `python -m docs.settings` from `config.py`, `conditions.py` and `ranges.py` in
+`common/run`; a test compares them. Each setting is a flag of `ale-robot train`, and a line of a
+`--config` file. The three columns on the right are the values of `--preset paper`, `fast` and
+`robot`; [presets.py](../common/run/presets.py) gives the reason for each. Flags that belong to a
+process and not to the run are with
+[several machines](../deploy/README.md#the-learners-flags-of-operation).
 """
 _COLUMNS = f"| flag | values | meaning | {' | '.join(PRESETS)} |"
 _RULE = f"| --- | --- | --- |{' --- |' * len(PRESETS)}"

@@ -21,11 +21,11 @@ from common.process.extras import check_extra
 from common.process.http_endpoints import check_address
 from common.registry import ALGORITHMS
 from common.run.clock import ClockConfig
-from common.run.conditions import NOTHING_DRAWN
 from common.run.config import MAX_ENVS, RunConfig
 from common.run.folder import RunFolder
 from common.run.origin import origin_of
 from common.run.presets import PRESETS
+from common.run.ranges import NOTHING_DRAWN
 from common.transport.access_control import MOST_SESSIONS
 from common.transport.endpoint import DEFAULT_ENDPOINT, from_here
 from learner.device import DeviceChoice, PrecisionChoice

@@ -20,8 +20,9 @@ from actors.vision.layout import border_of
 from common.checked import FromOne
 from common.errors import InputError
 from common.registry import ENVIRONMENTS
-from common.run.conditions import Conditions, RandomiseConfig
-from common.run.config import RunConfig, all_ranges
+from common.run.conditions import Conditions
+from common.run.config import RunConfig
+from common.run.ranges import RandomiseConfig, all_ranges
 from viewer import overlay
 from viewer.picture import write_picture
 from viewer.player import Played

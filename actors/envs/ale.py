@@ -15,14 +15,9 @@ from actors.envs.step_info import StepInfo
 from actors.envs.world import World
 from actors.robots.latency_model.model import LatencyModel
 from common.run.clock import ClockConfig
-from common.run.conditions import (
-    NOTHING_DRAWN,
-    PERFECT_CAMERA,
-    CameraConfig,
-    PlayConfig,
-    RandomiseConfig,
-)
+from common.run.conditions import PERFECT_CAMERA, CameraConfig, PlayConfig
 from common.run.config import RunConfig
+from common.run.ranges import NOTHING_DRAWN, RandomiseConfig
 
 
 class AtariEnv(GameEnv):

@@ -12,15 +12,8 @@ import numpy as np
 from numpy.random import Generator
 
 from actors.envs.emulator import Emulator
-from common.run.conditions import (
-    NOTHING_DRAWN,
-    PERFECT_CAMERA,
-    CameraConfig,
-    Conditions,
-    PlayConfig,
-    RandomiseConfig,
-    draw,
-)
+from common.run.conditions import PERFECT_CAMERA, CameraConfig, Conditions, PlayConfig
+from common.run.ranges import NOTHING_DRAWN, RandomiseConfig, draw
 
 DEFAULT_PLAY = PlayConfig()
 """The 2017 settings (README.md), the default of both environments."""

@@ -22,14 +22,9 @@ from actors.vision.screen_detector import Detection, ScreenDetector, is_blank
 from common.protocol.step_fields import FRAME_SHAPE
 from common.registry import ROBOTS
 from common.run.clock import ClockConfig
-from common.run.conditions import (
-    NOTHING_DRAWN,
-    PERFECT_CAMERA,
-    CameraConfig,
-    PlayConfig,
-    RandomiseConfig,
-)
+from common.run.conditions import PERFECT_CAMERA, CameraConfig, PlayConfig
 from common.run.config import RunConfig
+from common.run.ranges import NOTHING_DRAWN, RandomiseConfig
 
 _UNSEEN = Detection(np.zeros(FRAME_SHAPE, np.uint8), False, None)
 LOCKSTEP = ClockConfig()

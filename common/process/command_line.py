@@ -27,9 +27,10 @@ from common.process.first_flags import read_first
 from common.process.flag_errors import as_sentence
 from common.process.own_flags import going_on_from, own_help
 from common.registry import ENVIRONMENTS
-from common.run.config import RunConfig, all_ranges
+from common.run.config import RunConfig
 from common.run.origin import find_weights
 from common.run.presets import PRESETS
+from common.run.ranges import all_ranges
 from common.run.stored_config import REMOVED, RENAMED, flag_of, flat
 from common.transport.endpoint import DEFAULT_ENDPOINT
 from common.transport.leaky_bucket import STEPS_PER_SECOND

@@ -15,10 +15,11 @@ from numpy.typing import NDArray
 
 from common.checked import MAX_SIZE, Count, Fraction, Name, Rows, Score
 from common.errors import MessageError
+from common.proprioception import MAX_VECTOR
 from common.protocol.message import Array, Message
 from common.protocol.step_fields import FRAME_SHAPE, StepFields
 from common.run.conditions import MAX_FRAME_STACK
-from common.run.config import MAX_CHUNK_STEPS, MAX_VECTOR
+from common.run.config import MAX_CHUNK_STEPS
 
 MAX_CONTEXT = MAX_FRAME_STACK - 1
 

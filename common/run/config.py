@@ -8,32 +8,23 @@ import dataclasses
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from operator import attrgetter
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from annotated_types import Ge, Le, Lt
 
 from common.checked import Amount, Count, Fraction, FromOne, LongText, Score
-from common.errors import InputError
-from common.pinned_file import path_of, pin
-from common.protocol.step_fields import FRAME_BYTES, drawn_fields
-from common.protocol.wire import MAX_MESSAGE_BYTES
+from common.pinned_file import pin
 from common.registry import ENVIRONMENTS, Entry
-from common.run.conditions import DRAWN, CameraConfig, PlayConfig, RandomiseConfig, check_ranges
+from common.run.conditions import CameraConfig, PlayConfig
 from common.run.own_settings import EXTENSIONS, check_own_settings, in_full
+from common.run.ranges import RandomiseConfig
+from common.run.rules import check_rules
 from common.run.stored_config import from_mapping
 
 MAX_CHUNK_STEPS = 1_024
 MAX_WINDOW = 64
-MAX_VECTOR = 1_024
 MAX_ENVS = 256
 MAX_SEED = 2**63
-
-_PLACE_BYTES = 4
-"""Size in a message of a frame's place in a state."""
-_TRANSITION_BYTES = 32
-"""Size in a minibatch of a transition's id, action, return, discount and weight."""
-_HEAD_BYTES = 65_536
-"""Size of the parts of a message that do not grow with its steps."""
 
 PresetName = Literal["paper", "fast", "robot"]
 InitialWeights = Literal["torch", "glorot", "he"]
@@ -280,84 +271,4 @@ class RunConfig:
         for entry, name, text in self._own_settings():
             check_own_settings(entry, text, name)
         ENVIRONMENTS.find(self.env).actions(self)  # raises for an unknown game
-        self._check_meaningful()
-        check_ranges(self.play, self.camera, self.randomise)
-        play = self.play
-        if play.latency_model and (play.hand == "model" or play.press_latency):
-            raise InputError(
-                f"play.robot is {path_of(play.robot)}, which models the hands by itself: leave "
-                "play.hand at 'arm' and play.press_latency at 0."
-            )
-        learning, replay, stream = self.learning, self.replay, self.stream
-        if learning.annealing_steps and learning.final_learning_rate > learning.learning_rate:
-            raise InputError(
-                f"learning.learning_rate {learning.learning_rate:g} would rise to "
-                f"learning.final_learning_rate {learning.final_learning_rate:g}: lower that too, "
-                "or set learning.annealing_steps to 0 for a constant rate."
-            )
-        if self.vector_width > MAX_VECTOR:
-            raise InputError(
-                f"the vector observation has {self.vector_width} numbers: lower "
-                "play.vector_commands or play.vector_key_frames, until it has at most "
-                f"{MAX_VECTOR}."
-            )
-        # Held-out states, and a minibatch, travel in one message; a transition has two states.
-        state_bytes = self.play.frame_stack * (FRAME_BYTES + _PLACE_BYTES) + 4 * self.vector_width
-        drawn_bytes = sum(field.step_bytes(self.vector_width) for field in drawn_fields().values())
-        transition_bytes = 2 * state_bytes + _TRANSITION_BYTES + drawn_bytes
-        for name, count, size in (
-            ("protocol.held_out_states", self.protocol.held_out_states, state_bytes),
-            ("learning.batch_size", learning.batch_size, transition_bytes),
-        ):
-            most = (MAX_MESSAGE_BYTES - _HEAD_BYTES) // size
-            if count > most:
-                raise InputError(
-                    f"{name} is {count}: choose a number from 1 to {most}, as many as travel in "
-                    f"one message with {self.play.frame_stack} frames each."
-                )
-        if replay.learning_starts < learning.batch_size + learning.n_step:
-            raise InputError(
-                f"replay.learning_starts is {replay.learning_starts}: the first minibatch needs at "
-                f"least {learning.batch_size + learning.n_step} steps (batch_size + n_step)."
-            )
-        if replay.capacity < replay.learning_starts + 2 * stream.chunk_steps:
-            raise InputError(
-                f"replay.capacity is {replay.capacity}, but replay.learning_starts needs "
-                f"{replay.learning_starts + 2 * stream.chunk_steps} slots: raise it or "
-                "lower replay.learning_starts."
-            )
-        least = max(stream.chunk_steps * stream.window, learning.train_period)
-        if replay.ratio_tolerance < least:
-            raise InputError(
-                f"replay.ratio_tolerance is {replay.ratio_tolerance}, so actors and learner would "
-                f"wait for each other for ever: choose at least {least} "
-                "(chunk_steps × window, and train_period)."
-            )
-
-    def _check_meaningful(self) -> None:
-        for name in _ignored(self.env):
-            group, field = name.split(".")
-            value = getattr(getattr(self, group), field)
-            usual = getattr(type(getattr(self, group))(), field)
-            if value != usual:
-                shown = f"{usual:g}" if isinstance(usual, float) else usual
-                raise InputError(
-                    f"{name} is {value}, which means nothing in --env {self.env}: leave it at "
-                    f"{shown}."
-                )
-
-
-def all_ranges(env: str) -> RandomiseConfig:
-    """Returns the ranges of ``--randomise.all``: all that have an effect in ``env``."""
-    ignored = _ignored(env)
-    published: dict[str, Any] = {
-        name: how.most for name, how in DRAWN.items() if f"randomise.{name}" not in ignored
-    }
-    return RandomiseConfig(**published)
-
-
-def _ignored(env: str) -> list[str]:
-    """Returns the settings that have no effect in ``env``, and the ranges around them."""
-    fixed = ENVIRONMENTS.find(env).ignores
-    ranges = (name for name, how in DRAWN.items() if not set(how.settings).isdisjoint(fixed))
-    return [*fixed, *(f"randomise.{name}" for name in ranges)]
+        check_rules(self)

@@ -13,10 +13,10 @@ from common.errors import InputError
 from common.process.command_line import parse, parse_run
 from common.protocol.weights import encode_weights
 from common.run.clock import ClockConfig
-from common.run.conditions import RandomiseConfig
-from common.run.config import RunConfig, all_ranges
+from common.run.config import RunConfig
 from common.run.folder import RunFolder
 from common.run.presets import PRESETS
+from common.run.ranges import RandomiseConfig, all_ranges
 from learner.__main__ import main
 from learner.first_network import first_network
 from learner.options import (

@@ -12,9 +12,9 @@ import torch
 from common.errors import InputError
 from common.network import build_network
 from common.protocol.weights import encode_weights
-from common.run.conditions import RandomiseConfig
 from common.run.config import RunConfig
 from common.run.presets import PRESETS
+from common.run.ranges import RandomiseConfig
 from common.run.stored_config import to_json
 from learner.publish import Options, main, publish
 from viewer.player import Played, ShownPolicy

@@ -9,14 +9,8 @@ import pytest
 
 from common.errors import InputError
 from common.process.command_line import parse
-from common.run.conditions import (
-    PERFECT_CAMERA,
-    CameraConfig,
-    Conditions,
-    PlayConfig,
-    RandomiseConfig,
-)
-from common.run.config import all_ranges
+from common.run.conditions import PERFECT_CAMERA, CameraConfig, Conditions, PlayConfig
+from common.run.ranges import RandomiseConfig, all_ranges
 from viewer.__main__ import COMMANDS
 from viewer.draws import Draws, sheet, told
 

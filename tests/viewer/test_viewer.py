@@ -20,9 +20,10 @@ from common.process.command_line import parse
 from common.protocol.weights import encode_weights
 from common.registry import ENVIRONMENTS, ROBOTS, Environment, RobotKind
 from common.run.clock import ClockConfig
-from common.run.conditions import PlayConfig, RandomiseConfig
+from common.run.conditions import PlayConfig
 from common.run.config import RunConfig
 from common.run.presets import PRESETS
+from common.run.ranges import RandomiseConfig
 from common.run.stored_config import to_json
 from tests.actors.robots.latency_model.models import delay, saved
 from tests.extending.whole_run import added

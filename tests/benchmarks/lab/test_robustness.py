@@ -14,9 +14,9 @@ from benchmarks.lab.robustness import OPTICS, cell_flags
 from benchmarks.report import run
 from common.errors import InputError
 from common.process.command_line import parse_run
-from common.run.conditions import RandomiseConfig
 from common.run.config import RunConfig
 from common.run.presets import PRESETS
+from common.run.ranges import RandomiseConfig
 from learner.options import LearnerOptions
 from tests.paths import ROOT
 

@@ -13,10 +13,10 @@ from common.checked import Patience
 from common.errors import InputError
 from common.process.command_line import RunOptions, WeightsFile, parse, parse_run, preset_of
 from common.process.exit_codes import EXIT_CODES
-from common.run.conditions import RandomiseConfig
-from common.run.config import RunConfig, all_ranges
+from common.run.config import RunConfig
 from common.run.origin import SHIPPED, name_of
 from common.run.presets import PRESETS
+from common.run.ranges import RandomiseConfig, all_ranges
 from common.run.stored_config import to_json
 
 

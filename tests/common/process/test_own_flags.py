@@ -11,8 +11,9 @@ from annotated_types import Gt, Le
 from common.process.command_line import RunOptions, parse_run
 from common.process.own_flags import going_on_from
 from common.registry import ALGORITHMS, AlgorithmKind
-from common.run.config import RunConfig, all_ranges
+from common.run.config import RunConfig
 from common.run.presets import PRESETS
+from common.run.ranges import all_ranges
 from common.run.stored_config import to_json
 from tests.extending.whole_run import added
 

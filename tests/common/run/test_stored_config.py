@@ -10,15 +10,10 @@ from hypothesis import strategies as st
 
 from common.checked import MAX_COUNT
 from common.errors import InputError
-from common.run.conditions import (
-    FRAMES_PER_SECOND,
-    MAX_STARTS,
-    CameraConfig,
-    PlayConfig,
-    RandomiseConfig,
-)
+from common.run.conditions import FRAMES_PER_SECOND, MAX_STARTS, CameraConfig, PlayConfig
 from common.run.config import MAX_WINDOW, LearningConfig, RunConfig, StreamConfig
 from common.run.presets import PRESETS
+from common.run.ranges import RandomiseConfig
 from common.run.stored_config import (
     REMOVED,
     RENAMED,

@@ -8,8 +8,9 @@ import pytest
 from common.metrics import METRICS, Bound, Metric, Value, declare
 from common.press_latency import KeyLatency, ms_of
 from common.protocol.run_status import HealthCheck
-from common.run.conditions import PlayConfig, RandomiseConfig
+from common.run.conditions import PlayConfig
 from common.run.presets import PRESETS
+from common.run.ranges import RandomiseConfig
 from learner.telemetry.health_checks import judge, keys_can_follow
 
 HEALTHY: dict[str, Value] = {

@@ -1,4 +1,4 @@
-"""The conditions of a game: within their ranges, uniform, and one draw for each setting."""
+"""The conditions that a game draws: within their ranges, uniform, one draw for each setting."""
 
 from dataclasses import asdict, fields, replace
 from functools import partial
@@ -12,20 +12,11 @@ from hypothesis import strategies as st
 
 from common.errors import InputError
 from common.registry import ENVIRONMENTS
-from common.run.conditions import (
-    NOTHING_DRAWN,
-    PERFECT_CAMERA,
-    CameraConfig,
-    Conditions,
-    PlayConfig,
-    RandomiseConfig,
-    check_ranges,
-    draw,
-)
-from common.run.config import RunConfig, all_ranges
+from common.run.conditions import PERFECT_CAMERA, CameraConfig, Conditions, PlayConfig
+from common.run.config import RunConfig
 from common.run.presets import PRESETS
+from common.run.ranges import NOTHING_DRAWN, RandomiseConfig, all_ranges, check_ranges, draw
 from common.run.stored_config import from_mapping
-from tests.extending.whole_run import added
 from tests.paths import ROOT
 
 ALL = all_ranges("robot")
@@ -241,46 +232,6 @@ def test_ranges_that_reach_beyond_a_bound_are_refused(
         config.check()
         return
     with pytest.raises(InputError, match=f"^in a game that --randomise allows, {sentence}"):
-        config.check()
-
-
-@pytest.mark.parametrize(
-    ("group", "name", "value", "usual"),
-    [
-        ("camera", "yaw", 5.0, "0"),
-        ("camera", "red", 1.1, "1"),
-        ("camera", "distortion", 0.1, "0"),
-        ("play", "arm_speed", 0.5, "1"),
-        ("randomise", "head_pose", 5.0, "0"),
-        ("randomise", "arm_speed", 0.1, "0"),
-    ],
-)
-def test_the_emulator_alone_refuses_what_it_has_not(
-    group: str, name: str, value: float, usual: str
-) -> None:
-    def config(env: str) -> RunConfig:
-        settings = getattr(RunConfig(), group)
-        return RunConfig(env=env, **{group: replace(settings, **{name: value})})
-
-    config("robot").check()
-    with pytest.raises(
-        InputError,
-        match=f"^{group}.{name} is {value}, which means nothing in --env ale: leave it at {usual}",
-    ):
-        config("ale").check()
-
-
-@pytest.mark.parametrize(
-    ("name", "value", "usual"),
-    [("hand", "model", "arm"), ("minimal_actions", True, False), ("press_latency", 3, 0)],
-)
-def test_an_environment_may_refuse_settings_that_are_no_fractions(
-    name: str, value: Any, usual: Any
-) -> None:
-    other = replace(ENVIRONMENTS.find("robot"), name="other", ignores=(f"play.{name}",))
-    config = RunConfig(env="other", play=replace(PlayConfig(), **{name: value}))
-    told = f"^play.{name} is {value}, .*: leave it at {usual}\\.$"
-    with added(ENVIRONMENTS, other), pytest.raises(InputError, match=told):
         config.check()
 
 

@@ -1,0 +1,109 @@
+"""The rules between the settings of a run, beyond the bounds of each."""
+
+from typing import TYPE_CHECKING
+
+from common.errors import InputError
+from common.pinned_file import path_of
+from common.proprioception import MAX_VECTOR
+from common.protocol.step_fields import FRAME_BYTES, drawn_fields
+from common.protocol.wire import MAX_MESSAGE_BYTES
+from common.run.ranges import check_ranges, ignored_in
+
+if TYPE_CHECKING:
+    from common.run.config import RunConfig
+
+_PLACE_BYTES = 4
+"""Size in a message of a frame's place in a state."""
+_TRANSITION_BYTES = 32
+"""Size in a minibatch of a transition's id, action, return, discount and weight."""
+_HEAD_BYTES = 65_536
+"""Size of the parts of a message that do not grow with its steps."""
+
+
+def check_rules(config: "RunConfig") -> None:
+    """Checks settings that are within their bounds against each other. Raises InputError with the
+    setting at fault and what to choose."""
+    _check_ignored(config)
+    check_ranges(config.play, config.camera, config.randomise)
+    _check_hands(config)
+    _check_learning_rate(config)
+    _check_messages(config)
+    _check_replay(config)
+
+
+def _check_ignored(config: "RunConfig") -> None:
+    """Refuses settings that have no effect in the environment, unless they have their defaults."""
+    for name in ignored_in(config.env):
+        group, field = name.split(".")
+        value = getattr(getattr(config, group), field)
+        usual = getattr(type(getattr(config, group))(), field)
+        if value != usual:
+            shown = f"{usual:g}" if isinstance(usual, float) else usual
+            raise InputError(
+                f"{name} is {value}, which means nothing in --env {config.env}: leave it at "
+                f"{shown}."
+            )
+
+
+def _check_hands(config: "RunConfig") -> None:
+    play = config.play
+    if play.latency_model and (play.hand == "model" or play.press_latency):
+        raise InputError(
+            f"play.robot is {path_of(play.robot)}, which models the hands by itself: leave "
+            "play.hand at 'arm' and play.press_latency at 0."
+        )
+
+
+def _check_learning_rate(config: "RunConfig") -> None:
+    learning = config.learning
+    if learning.annealing_steps and learning.final_learning_rate > learning.learning_rate:
+        raise InputError(
+            f"learning.learning_rate {learning.learning_rate:g} would rise to "
+            f"learning.final_learning_rate {learning.final_learning_rate:g}: lower that too, "
+            "or set learning.annealing_steps to 0 for a constant rate."
+        )
+
+
+def _check_messages(config: "RunConfig") -> None:
+    """Checks that states fit into messages. Held-out states, and a minibatch, travel in one."""
+    width, frame_stack = config.vector_width, config.play.frame_stack
+    if width > MAX_VECTOR:
+        raise InputError(
+            f"the vector observation has {width} numbers: lower play.vector_commands or "
+            f"play.vector_key_frames, until it has at most {MAX_VECTOR}."
+        )
+    state_bytes = frame_stack * (FRAME_BYTES + _PLACE_BYTES) + 4 * width
+    drawn_bytes = sum(field.step_bytes(width) for field in drawn_fields().values())
+    transition_bytes = 2 * state_bytes + _TRANSITION_BYTES + drawn_bytes
+    for name, count, size in (
+        ("protocol.held_out_states", config.protocol.held_out_states, state_bytes),
+        ("learning.batch_size", config.learning.batch_size, transition_bytes),
+    ):
+        most = (MAX_MESSAGE_BYTES - _HEAD_BYTES) // size
+        if count > most:
+            raise InputError(
+                f"{name} is {count}: choose a number from 1 to {most}, as many as travel in one "
+                f"message with {frame_stack} frames each."
+            )
+
+
+def _check_replay(config: "RunConfig") -> None:
+    learning, replay, stream = config.learning, config.replay, config.stream
+    if replay.learning_starts < learning.batch_size + learning.n_step:
+        raise InputError(
+            f"replay.learning_starts is {replay.learning_starts}: the first minibatch needs at "
+            f"least {learning.batch_size + learning.n_step} steps (batch_size + n_step)."
+        )
+    if replay.capacity < replay.learning_starts + 2 * stream.chunk_steps:
+        raise InputError(
+            f"replay.capacity is {replay.capacity}, but replay.learning_starts needs "
+            f"{replay.learning_starts + 2 * stream.chunk_steps} slots: raise it or "
+            "lower replay.learning_starts."
+        )
+    least = max(stream.chunk_steps * stream.window, learning.train_period)
+    if replay.ratio_tolerance < least:
+        raise InputError(
+            f"replay.ratio_tolerance is {replay.ratio_tolerance}, so actors and learner would "
+            f"wait for each other for ever: choose at least {least} "
+            "(chunk_steps × window, and train_period)."
+        )
