@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from common.errors import InputError, MessageError, Unreachable
-from common.process.log_lines import say_aside
+from common.process.log_lines import Seldom, say_aside
 from common.protocol.announcement import Announcement
 from common.protocol.run_keys import RunKeys, check_name
 from common.run.config import RunConfig
@@ -15,6 +15,7 @@ from common.schedule import Every, Now
 from common.transport.interface import Transport
 
 _log = logging.getLogger(__name__)
+_log.addFilter(Seldom())
 _DEADLINE = 2.0
 _PAUSE = 0.2
 _TELL_EVERY = 10.0
@@ -66,7 +67,7 @@ def find_run(
     if name is not None:
         check_name("run", name)
     began = time.monotonic()
-    malformed: dict[str, InputError] = {}
+    malformed: InputError | None = None
     while True:
         found: dict[str, Announcement] = {}
         unfit: dict[str, InputError] = {}
@@ -74,15 +75,13 @@ def find_run(
             try:
                 told = Announcement.decode(answer.payload)
             except MessageError as error:
-                reason = InputError(
+                malformed = InputError(
                     f"the hub does not speak this version's language ({error}): "
                     "install the same version on both machines."
                 )
                 if name is not None:
-                    raise reason from None
-                if answer.key not in malformed:
-                    _log.warning("what %s announces is passed over: %s", answer.key, error)
-                malformed[answer.key] = reason
+                    raise malformed from None
+                _log.warning("what %s announces is passed over: %s", answer.key, error)
                 continue
             except InputError as error:
                 unfit[answer.key] = error
@@ -101,8 +100,8 @@ def find_run(
         if stopped():
             raise KeyboardInterrupt
         if time.monotonic() - began >= patience:
-            if malformed:
-                raise malformed.popitem()[1]
+            if malformed is not None:
+                raise malformed
             raise Unreachable(
                 f"the hub serves no run{f' called {name!r}' if name else ''}: "
                 "start a learner there." + ("" if certificates is None else _DENIED)
