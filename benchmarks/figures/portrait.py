@@ -22,6 +22,7 @@ from common.checked import Count, FromOne
 from common.errors import InputError, exit_on_input_error
 from common.process.command_line import parse
 from viewer import overlay
+from viewer.picture import write_picture
 
 _WIDTH, _HEIGHT = 640, 480
 """Size of each panel in pixels."""
@@ -53,8 +54,7 @@ def main() -> int:
         for action in (*at_random, action_of_keys(Keys.UP | Keys.RIGHT | Keys.FIRE)):
             env.step(action)
         picture = _portrait(env)
-    options.output.parent.mkdir(parents=True, exist_ok=True)
-    cv2.imwrite(str(options.output), picture[:, :, ::-1])
+    write_picture(options.output, picture)
     print(f"wrote {options.output}")
     return 0
 

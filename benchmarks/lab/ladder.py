@@ -27,7 +27,7 @@ from common.checked import Count, Fraction, FromOne
 from common.errors import exit_on_input_error
 from common.process.command_line import PRESENT_FLAGS, parse
 from common.run.epochs import EpochRow, EpochTable
-from common.run.folder import RunFolder, write_atomically
+from common.run.folder import RunFolder, check_new_file, write_atomically
 
 Rung = Literal["R1", "R2", "R3", "R4", "R5"]
 
@@ -103,7 +103,6 @@ def climb(options: Options, seed: int) -> dict[str, Any]:
     folder = RunFolder(options.runs, options.run_name(seed))
     summary = train(folder, options.steps, options.flags(seed))
     results = options.output.parent
-    results.mkdir(parents=True, exist_ok=True)
     evaluation = results / f"{folder.name}.json"
     told = evaluate(folder.checkpoint, options.games, options.epsilon)
     write_atomically(evaluation, (json.dumps(told, indent=2) + "\n").encode())
@@ -152,7 +151,6 @@ def add_row(path: Path, row: dict[str, Any]) -> None:
         flags = (PRESENT_FLAGS.get(each, each) for each in shlex.split(of["flags"]))
         return of["rung"], of["label"], *flags
 
-    path.parent.mkdir(parents=True, exist_ok=True)
     rows = list(csv.DictReader(path.read_text().splitlines())) if path.exists() else []
     text = io.StringIO(newline="")
     writer = csv.DictWriter(text, COLUMNS)
@@ -164,6 +162,7 @@ def add_row(path: Path, row: dict[str, Any]) -> None:
 
 def main() -> None:
     options = parse(Options, "benchmarks.lab.ladder", sys.argv[1:])
+    check_new_file(options.output)
     for seed in range(options.seed, options.seed + options.seeds):
         add_row(options.output, climb(options, seed))
         print(f"added a row to {options.output}", flush=True)

@@ -29,7 +29,9 @@ from benchmarks.lab.sight_probe import QUANTITIES, collect, probe
 from benchmarks.report import BenchmarkOptions, Report, Table, main
 from common.checked import FromOne
 from common.games import check_game
+from common.run.folder import check_new_file
 from viewer import overlay
+from viewer.picture import write_picture
 
 MOST_PIXELS = 1.5
 MOST_DIFFERENCE = 8.0
@@ -64,6 +66,8 @@ class Options(BenchmarkOptions):
         super().check()
         for game in self.games:
             check_game(game)
+        if self.output is not None:
+            check_new_file(self.output)
 
 
 def page(looks: Sequence[Look]) -> NDArray[np.uint8]:
@@ -144,8 +148,7 @@ def measure_sight(options: Options) -> Report:
     read = read_off(options)
     kept = goals(by_case, by_game, read)
     if options.output is not None:
-        options.output.parent.mkdir(parents=True, exist_ok=True)
-        cv2.imwrite(str(options.output), page(looks)[:, :, ::-1])
+        write_picture(options.output, page(looks))
         print(f"wrote {options.output}")
     return Report(
         [

@@ -146,7 +146,7 @@ def _play(options: Options, axes: list[Axis], trial: "Trial") -> float:
     log = options.runs / f"{folder.name}.log"
     told = 0
     with ExitStack() as stack:
-        learner = Child("learner", "--local", *place, *budget, *flags, leash=False, log=log)
+        learner = Child("learner", "--local", *place, *budget, *flags, log=log)
         stack.callback(learner.end)
         while True:
             over = learner.poll() is not None  # asked first: its last row may come with its end

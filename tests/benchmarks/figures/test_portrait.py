@@ -9,6 +9,7 @@ import pytest
 
 from actors.robots.nao.shapes import ORANGE
 from benchmarks.figures import portrait
+from common.errors import InputError
 from viewer import overlay
 
 
@@ -35,3 +36,12 @@ def test_robot_screen_and_sight_are_in_the_picture(
     frame = network[:200, 40:280]
     assert (frame == frame[:, :, :1]).all()
     assert frame.std() > 10
+
+
+def test_a_file_that_is_no_picture_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "robot.txt"
+    monkeypatch.setattr(sys, "argv", ["portrait", "-o", str(path), "--steps", "3"])
+    with pytest.raises(InputError, match=r"robot\.txt does not name a picture"):
+        portrait.main()

@@ -5,10 +5,13 @@ import subprocess
 import sys
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import pytest
 
+from benchmarks.lab import ladder
 from benchmarks.lab.ladder import COLUMNS, FLAGS, Options, Rung, add_row, row_of
+from common.errors import InputError
 from common.process.command_line import parse_run
 from common.run.epochs import EpochPhase, EpochRow, EpochTable
 from learner.figures.plot_histogram import read_evaluations
@@ -73,7 +76,7 @@ def test_a_row_tells_when_the_training_games_first_had_a_mean() -> None:
 
 
 def test_rows_are_added_below_one_heading(tmp_path: Path) -> None:
-    path = tmp_path / "results" / "ladder.csv"
+    path = tmp_path / "ladder.csv"
     for seed in (1, 2):
         add_row(path, {**dict.fromkeys(COLUMNS, ""), "seed": seed, "flags": f"--seed {seed}"})
     with path.open() as file:
@@ -98,6 +101,15 @@ def test_a_row_of_former_names_is_of_the_same_run(tmp_path: Path) -> None:
     with path.open() as file:
         found = [row["flags"] for row in csv.DictReader(file)]
     assert found == ["--play.press 3", "--play.press-latency 2"]
+
+
+def test_a_table_that_cannot_be_written_is_refused_before_hours_of_training(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "argv", ["ladder", "--rung", "R1", "--output", str(tmp_path)])
+    monkeypatch.setattr(ladder, "climb", Mock(side_effect=AssertionError))
+    with pytest.raises(InputError, match="is a folder: name a file in it"):
+        ladder.main()
 
 
 @pytest.mark.slow
