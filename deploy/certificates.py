@@ -1,5 +1,6 @@
 """Certificates that a launcher makes for a run, with `deploy/certificates.sh`."""
 
+import shutil
 import subprocess
 from collections.abc import Sequence
 from contextlib import suppress
@@ -59,4 +60,5 @@ def make_certificates(folder: Path, *asked: str) -> None:
     ``folder`` if there is one. Raises InputError with the script's reason if it fails."""
     said = subprocess.run(["sh", _SCRIPT, folder, *asked], capture_output=True, text=True)
     if said.returncode:
-        raise InputError(f"no certificates can be made ({said.stderr.strip()}): install openssl.")
+        remedy = "fix that" if shutil.which("openssl") else "install openssl"
+        raise InputError(f"no certificates can be made ({said.stderr.strip()}): {remedy}.")

@@ -340,7 +340,14 @@ def test_certificates_that_end_soon_are_made_anew_and_who_was_shut_out_stays_out
         before = now
 
 
-def test_certificates_that_cannot_be_made_are_told(tmp_path: Path) -> None:
+def test_certificates_that_cannot_be_made_are_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     (tmp_path / "file").touch()
-    with pytest.raises(InputError, match=r"no certificates can be made \(.+\): install openssl"):
+    with pytest.raises(InputError, match=r"no certificates can be made \(.*exists\): fix that\.$"):
         certify_actors(tmp_path / "file", "localhost", ["actor-1"])
+    for program in ("sh", "mkdir", "mktemp", "rm", "cat"):
+        (tmp_path / program).symlink_to(str(shutil.which(program)))
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.raises(InputError, match=r"can be made \(.*openssl.*\): install openssl\.$"):
+        certify_actors(tmp_path / "new", "localhost", ["actor-1"])
