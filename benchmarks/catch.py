@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from actors.envs.step_info import StepInfo
+from benchmarks.entry_point import add_entry_point
 from common.registry import ENVIRONMENTS, Environment
 from common.run.clock import ClockConfig
 from common.run.config import RunConfig
@@ -75,12 +76,7 @@ CATCH = Environment("catch", "benchmarks.catch:Catch.of_run", lambda config: len
 
 def install(folder: Path) -> None:
     """Makes `CATCH` an entry point of what is installed in ``folder``."""
-    metadata = folder / "catch-1.0.dist-info"
-    metadata.mkdir()
-    (metadata / "METADATA").write_text("Name: catch\nVersion: 1.0\n")
-    (metadata / "entry_points.txt").write_text(
-        "[ale_robot.environments]\ncatch = benchmarks.catch:CATCH\n"
-    )
+    add_entry_point(folder, "catch", "environment", "catch", "benchmarks.catch:CATCH")
 
 
 @contextmanager

@@ -8,9 +8,9 @@ publication is dropped.
 """
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, get_args
 
-from common.protocol.actor_stats import MOST_HEARTBEATS
+from common.protocol.actor_stats import MOST_HEARTBEATS, Role
 from common.protocol.live_view import MAX_VIEW_BYTES
 from common.protocol.run_keys import DEMONSTRATIONS, RunKeys
 from common.protocol.wire import MAX_MESSAGE_BYTES
@@ -19,7 +19,6 @@ from common.transport.credentials import common_name
 MOST_SESSIONS = 4_096
 """Maximum number of processes, of all runs, at one hub; fewer if it may have few open files."""
 _ANY = RunKeys("*")
-_WORKERS = ("actor", "evaluator")
 _LEARNER_ANSWERS = [_ANY.task("*"), _ANY.report("*"), _ANY.status]
 _LEARNER = {
     "query": [
@@ -38,14 +37,14 @@ _LEARNER = {
 
 def _of_actor(name: str) -> dict[str, list[str]]:
     """Returns the same for an actor or evaluator called ``name``; ``'*'`` stands for any name."""
-    views = [_ANY.view(role, name) for role in _WORKERS]
+    views = [_ANY.view(role, name) for role in get_args(Role)]
     return {
         "query": [
             *(_ANY.config, _ANY.latest_weights),
             *(_ANY.insert(name), _ANY.task(name), _ANY.report(name)),
         ],
-        "put": [_ANY.stats(role, name) for role in _WORKERS],
-        "liveliness_token": [_ANY.live(role, name) for role in _WORKERS],
+        "put": [_ANY.stats(role, name) for role in get_args(Role)],
+        "liveliness_token": [_ANY.live(role, name) for role in get_args(Role)],
         "declare_subscriber": [_ANY.weights],
         "declare_queryable": views,
         "reply": views,

@@ -1,8 +1,8 @@
 """`LeakyBucket`: limits how much is accepted from each process, however many others send too."""
 
 import time
-from collections.abc import Callable
 
+from common.schedule import Now
 from common.transport.access_control import MOST_SESSIONS
 
 STEPS_PER_SECOND = 10_000
@@ -33,7 +33,7 @@ class LeakyBucket:
     its bucket, however many names others invent.
     """
 
-    def __init__(self, per_second: float, now: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, per_second: float, now: Now = time.monotonic) -> None:
         self._per_second = per_second
         self._now = now
         self._paid_until: dict[str, float] = {}

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 
 import pytest
 
+from benchmarks.entry_point import add_entry_point
 from common.errors import InputError
 from common.network import QNetwork, build_network, count_actions_of
 from common.registry import (
@@ -21,7 +22,6 @@ from common.registry import (
 )
 from common.run.config import RunConfig
 from common.run.presets import PRESETS
-from tests.installed import install
 from tests.paths import ROOT
 
 
@@ -108,7 +108,7 @@ def test_an_installed_package_brings_its_own(
         "from common.registry import Environment\n"
         "CATCH = Environment('catch', 'my_catch:make', lambda config: 3)\n"
     )
-    install(tmp_path, "my-catch", "environment", "catch", "my_catch:CATCH")
+    add_entry_point(tmp_path, "my-catch", "environment", "catch", "my_catch:CATCH")
     monkeypatch.syspath_prepend(str(tmp_path))
     registry = Registry[Environment]("environment")
     assert registry.names == ["catch"]
@@ -140,7 +140,7 @@ def test_a_package_that_cannot_be_loaded_is_told(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, code: str, words: str
 ) -> None:
     (tmp_path / "my_bad.py").write_text(code)
-    install(tmp_path, "my-bad", "environment", "bad", "my_bad:BAD")
+    add_entry_point(tmp_path, "my-bad", "environment", "bad", "my_bad:BAD")
     monkeypatch.syspath_prepend(str(tmp_path))
     registry = Registry[Environment]("environment")
     with pytest.raises(InputError, match=rf"^the environment 'bad' .* my_bad:BAD, .*{words}"):

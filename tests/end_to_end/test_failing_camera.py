@@ -8,9 +8,9 @@ import pytest
 from numpy.typing import NDArray
 
 from actors.envs.robot import RobotEnv
+from benchmarks.entry_point import add_entry_point
 from common.registry import ENVIRONMENTS, Environment
 from tests.end_to_end.conftest import SMALL, Stage
-from tests.installed import install
 
 FAILS_AT = 700
 """Pictures that a camera takes before."""
@@ -63,7 +63,7 @@ FREEZING, DARKENING = (
 )
 def test_a_camera_that_fails_ends_the_run(stage: Stage, env: Environment, check: str) -> None:
     place = f"{__name__}:{env.name.upper()}"
-    install(stage.folder, "failing-cameras", "environment", env.name, place)
+    add_entry_point(stage.folder, "failing-cameras", "environment", env.name, place)
     own = {flag.partition("=")[0] for flag in SOON}
     small = [flag for flag in SMALL if flag.partition("=")[0] not in own]
     given = ("--local", "--evaluators=0", "--env", env.name, *small, *SOON, "--steps=4000")

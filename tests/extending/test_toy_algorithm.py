@@ -5,13 +5,13 @@ import json
 import numpy as np
 from safetensors.numpy import load_file
 
+from benchmarks.entry_point import add_entry_point
 from tests.end_to_end.conftest import SMALL, Stage
-from tests.installed import install
 
 
 def test_a_toy_algorithm_learns_by_its_name(stage: Stage) -> None:
     place = "tests.extending.toy_algorithm:RANDOM_POLICY"
-    install(stage.folder, "toy-algorithm", "algorithm", "random_policy", place)
+    add_entry_point(stage.folder, "toy-algorithm", "algorithm", "random_policy", place)
     learner = stage.learner(
         *("--env", "ale", "--learning.algorithm", "random_policy", "--steps", "300", *SMALL),
         *("--learning.algorithm-settings", "greed=0.5"),
