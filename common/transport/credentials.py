@@ -138,7 +138,8 @@ class Credentials:
         try:
             context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
             context.load_verify_locations(found.authority)
-            context.load_cert_chain(found.certificate, found.key)
+            # Without a password, OpenSSL would ask a person at the terminal for that of the key.
+            context.load_cert_chain(found.certificate, found.key, password="")
         except (ssl.SSLError, OSError) as error:
             raise InputError(
                 f"the certificates in {folder} cannot be used ({error}): make new ones with "

@@ -1,6 +1,7 @@
 """Hubs and clients with certificates of `deploy/certificates.sh`, over real connections."""
 
 import os
+import pty
 import re
 import shutil
 import subprocess
@@ -15,6 +16,7 @@ from queue import SimpleQueue
 import pytest
 
 from common.errors import InputError
+from common.process.exit_codes import BAD_INPUT
 from common.protocol.live_view import MAX_VIEW_BYTES
 from common.protocol.run_keys import RunKeys
 from common.transport.credentials import Role, check_certificates, own_name
@@ -568,6 +570,41 @@ def test_files_that_cannot_be_used_are_told(
     shutil.copy(certificates / other, folder / file)
     with pytest.raises(InputError, match=r"cannot be used .*make new ones"):
         check_certificates("tls/127.0.0.1:7447", folder, "hub")
+
+
+CHECK = """
+import fcntl, sys, termios
+from pathlib import Path
+from common.errors import exit_on_input_error
+from common.transport.credentials import check_certificates
+fcntl.ioctl(0, termios.TIOCSCTTY, 0)
+exit_on_input_error(lambda: check_certificates("tls/h:1", Path(sys.argv[1]), "actor"))
+"""
+
+
+def test_nobody_is_asked_at_the_terminal_for_the_password_of_a_key(
+    certificates: Path, tmp_path: Path
+) -> None:
+    folder = shutil.copytree(certificates, tmp_path / "certificates")
+    key = folder / "actor-key.pem"
+    lock = ["openssl", "ec", "-in", str(certificates / key.name), "-out", str(key), "-aes256"]
+    subprocess.run([*lock, "-passout", "pass:secret"], check=True, capture_output=True)
+    terminal, own = pty.openpty()
+    os.write(terminal, b"\n")  # an answer, without which whoever asks would wait
+    asked = subprocess.Popen(
+        [sys.executable, "-c", CHECK, folder],
+        cwd=ROOT,
+        stdin=own,
+        stdout=own,
+        stderr=own,
+        start_new_session=True,
+    )
+    assert asked.wait(PATIENCE) == BAD_INPUT
+    said = os.read(terminal, 4_096).decode()
+    os.close(own)
+    os.close(terminal)
+    assert "cannot be used" in said
+    assert "pass phrase" not in said
 
 
 def test_a_certificate_by_name_that_is_missing_is_named(certificates: Path, tmp_path: Path) -> None:
