@@ -35,7 +35,7 @@ from common.protocol.actor_stats import ActorStats
 from common.protocol.run_status import RunStatus
 from common.transport.flood_guard import CUT_OFF
 from common.transport.interface import Envelope, Unanswered
-from common.transport.leaky_bucket import STEPS_PER_SECOND
+from common.transport.leaky_bucket import ACTOR_QUOTA
 from deploy.certificates import certify_actors
 
 ALONE, FLOODED, BUSY = "alone", "flooded", "beside a busy process"
@@ -64,7 +64,7 @@ class Options(BenchmarkOptions):
     seconds: Seconds = CUT_OFF
     """Length of the measurement in each run, in seconds; by default until the hub hears the flooder
     again."""
-    quota: FromOne = STEPS_PER_SECOND
+    quota: FromOne = ACTOR_QUOTA
     """Steps per second that the hub accepts from one actor (--actor-quota)."""
     settle: Seconds = 10.0
     """Seconds of training, or of training under the flood, before the measurement. A flood first

@@ -20,7 +20,7 @@ from common.protocol.step_fields import FRAME_BYTES
 from common.protocol.wire import MAX_MESSAGE_BYTES, decode_version
 from common.run.config import RunConfig
 from common.transport.interface import Answer, Envelope, Request, Transport
-from common.transport.leaky_bucket import STEPS_PER_SECOND, LeakyBucket
+from common.transport.leaky_bucket import ACTOR_QUOTA, LeakyBucket
 from replay.messages import (
     NO_BATCH,
     HeldOutRequest,
@@ -51,7 +51,7 @@ class ReplayServer(AbstractContextManager["ReplayServer"]):
         buffer: ReplayBuffer,
         config: RunConfig,
         run: str,
-        quota: float = STEPS_PER_SECOND,
+        quota: float = ACTOR_QUOTA,
     ) -> None:
         self._buffer = buffer
         self._quota = LeakyBucket(quota)

@@ -33,7 +33,7 @@ from common.run.presets import PRESETS
 from common.run.ranges import all_ranges
 from common.run.stored_config import REMOVED, RENAMED, flag_of, flat
 from common.transport.endpoint import DEFAULT_ENDPOINT
-from common.transport.leaky_bucket import STEPS_PER_SECOND
+from common.transport.leaky_bucket import ACTOR_QUOTA
 from common.version import VERSION
 
 RunFlags = Annotated[RunConfig, tyro.conf.arg(name="")]
@@ -104,7 +104,7 @@ class RunOptions:
     """Address at which the run's other processes reach this one; 0.0.0.0 lets other machines in."""
     certificates: Path | None = None
     """Folder of the certificates, for an address that begins with tls/; see deploy/README.md."""
-    actor_quota: FromOne = STEPS_PER_SECOND
+    actor_quota: FromOne = ACTOR_QUOTA
     """Maximum number of steps per second that the replay in this process accepts from one actor;
     more have to wait."""
     log_json: bool = False

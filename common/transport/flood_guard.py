@@ -24,7 +24,7 @@ from common.transport.hub_sockets import (
     end_connections,
     ignore_connections,
 )
-from common.transport.leaky_bucket import STEPS_PER_SECOND
+from common.transport.leaky_bucket import ACTOR_QUOTA
 
 CUT_OFF = 60.0
 """Seconds for which a flooder's new connections are ignored."""
@@ -40,7 +40,7 @@ _log.addFilter(Seldom())
 def tolerated(quota: float) -> float:
     """Returns the bytes per second that an actor with a quota of ``quota`` steps per second may
     send. A quota below the usual one counts as the usual one, because it limits what is stored."""
-    return _TOLERANCE * max(quota, STEPS_PER_SECOND) * FRAME_BYTES
+    return _TOLERANCE * max(quota, ACTOR_QUOTA) * FRAME_BYTES
 
 
 @dataclass

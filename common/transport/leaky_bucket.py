@@ -5,9 +5,9 @@ import time
 from common.schedule import Now
 from common.transport.access_control import MOST_SESSIONS
 
-STEPS_PER_SECOND = 10_000
-"""Agent steps that are accepted from one actor, the default of ``--actor-quota``: three times as
-many as an ALE-Only actor makes on one core."""
+ACTOR_QUOTA = 10_000
+"""Agent steps per second that are accepted from one actor, the default of ``--actor-quota``: three
+times as many as an ALE-Only actor makes on one core."""
 REPORTS_PER_SECOND = 2_000
 """Reports that are accepted from one evaluator. Catch, the shortest game, ends after six steps, and
 an evaluator plays some 300 games of it per second."""

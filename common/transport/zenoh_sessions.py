@@ -35,7 +35,7 @@ from common.transport.endpoint import check_endpoint, check_free, is_loopback
 from common.transport.file_guard import FileGuard
 from common.transport.flood_guard import FloodGuard, tolerated
 from common.transport.hub_sockets import forget_the_silent, most_files
-from common.transport.leaky_bucket import STEPS_PER_SECOND
+from common.transport.leaky_bucket import ACTOR_QUOTA
 from common.transport.zenoh_transport import ZenohTransport
 
 LEASE_MS = 3_000
@@ -117,7 +117,7 @@ def open_router(endpoint: str, hub: str) -> ZenohTransport:
 def open_hub(
     endpoint: str,
     certificates: Path | None = None,
-    most: float = tolerated(STEPS_PER_SECOND),
+    most: float = tolerated(ACTOR_QUOTA),
     run: str | None = None,
 ) -> ZenohTransport:
     """Listens at ``endpoint`` for all processes of the run. Raises InputError if the port is taken,

@@ -11,7 +11,7 @@ from common.transport import flood_guard
 from common.transport.flood_guard import CUT_OFF, FloodGuard, tolerated
 from common.transport.hub_sockets import Address
 from common.transport.interface import Requester, Transport
-from common.transport.leaky_bucket import STEPS_PER_SECOND
+from common.transport.leaky_bucket import ACTOR_QUOTA
 from common.transport.zenoh_sessions import connect, open_hub
 from common.transport.zenoh_transport import ZenohTransport
 from tests.patience import PATIENCE, wait_until
@@ -166,8 +166,8 @@ def test_who_is_trusted_is_not_watched(links: Links) -> None:
 
 
 def test_a_quota_bounds_what_is_received_too() -> None:
-    assert tolerated(STEPS_PER_SECOND) == tolerated(1) == 15_000 * 84 * 84
-    assert tolerated(2 * STEPS_PER_SECOND) == 30_000 * 84 * 84
+    assert tolerated(ACTOR_QUOTA) == tolerated(1) == 15_000 * 84 * 84
+    assert tolerated(2 * ACTOR_QUOTA) == 30_000 * 84 * 84
 
 
 def test_nothing_is_asked_of_connections_that_nobody_watches(
