@@ -4,6 +4,7 @@ import ast
 import inspect
 import textwrap
 from itertools import chain
+from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 from annotated_types import Ge, Gt, Le, Lt
@@ -12,8 +13,13 @@ from common.checked import MAX_COUNT
 
 
 def docstrings(kind: type) -> dict[str, str]:
-    """Returns the text below each field of ``kind`` that has one, as one line."""
-    tree = ast.parse(textwrap.dedent(inspect.getsource(kind))).body[0]
+    """Returns the text below each field of ``kind`` that has one, as one line; nothing for a class
+    without source code."""
+    try:
+        source = inspect.getsource(kind)
+    except (OSError, TypeError):
+        return {}
+    tree = ast.parse(textwrap.dedent(source)).body[0]
     assert isinstance(tree, ast.ClassDef)
     found = {}
     for field, text in zip(tree.body, tree.body[1:], strict=False):
@@ -33,9 +39,8 @@ def one_line(text: str) -> str:
 
 def bounds(hint: Any) -> str:
     """Returns what a setting may be, such as "0 to 1" or "uniform, prioritised"."""
-    if get_origin(hint) is Union:
-        given, _ = get_args(hint)
-        return f"{bounds(given)}; or none"
+    if get_origin(hint) in (Union, UnionType):
+        return "; or ".join("none" if each is NoneType else bounds(each) for each in get_args(hint))
     kind, *marks = get_args(hint) if get_origin(hint) is Annotated else (hint,)
     if get_origin(kind) is Literal:
         return ", ".join(map(str, get_args(kind)))

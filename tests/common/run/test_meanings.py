@@ -1,12 +1,13 @@
 """What a declaration says about its settings."""
 
+from dataclasses import dataclass, make_dataclass
 from typing import Annotated, Any, Literal
 
 import pytest
 from annotated_types import Ge, Gt, Le, Lt
 
 from common.checked import Count
-from common.run.meanings import bounds
+from common.run.meanings import bounds, docstrings
 
 
 @pytest.mark.parametrize(
@@ -23,7 +24,24 @@ from common.run.meanings import bounds
         (str, "text"),
         (bool, "yes, no"),
         (Literal["max", "mean"], "max, mean"),
+        (Annotated[int, Ge(1)] | None, "integer, 1 or more; or none"),
+        (int | Annotated[float, Le(0.5)] | str, "integer; or at most 0.5; or text"),
+        (int | None, "integer; or none"),
     ],
 )
 def test_bounds(hint: Any, said: str) -> None:
     assert bounds(hint) == said
+
+
+@dataclass
+class Declared:
+    size: int
+    """Number of lamps,
+    all of them."""
+    name: str
+
+
+def test_what_is_said_of_fields() -> None:
+    assert docstrings(Declared) == {"size": "Number of lamps, all of them."}
+    assert docstrings(make_dataclass("Made", ["size"])) == {}
+    assert docstrings(int) == {}
