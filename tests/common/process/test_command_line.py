@@ -3,10 +3,9 @@
 import re
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import pytest
-import tyro
 from annotated_types import Ge, Lt
 
 from common.checked import Patience
@@ -17,7 +16,6 @@ from common.run.config import RunConfig
 from common.run.origin import SHIPPED, name_of
 from common.run.presets import PRESETS
 from common.run.ranges import RandomiseConfig, all_ranges
-from common.run.stored_config import to_json
 
 
 @dataclass(frozen=True)
@@ -272,155 +270,6 @@ def test_a_flag_by_its_former_name_says_the_present_one(flags: list[str], presen
 def test_a_flag_that_is_gone_is_said_to_be(flag: str) -> None:
     with pytest.raises(InputError, match=r"^--\S+ is gone, because .*: omit it\.$"):
         parse(Options, "program", [flag])
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["--gmae", "pong"], r"^there is no flag --gmae: did you mean --game\?$"),
-        (["--zzz=1"], r"^there is no flag --zzz.*: `python -m program --help` lists the flags\.$"),
-        (["pong"], r"^pong has no flag before it: `python -m program --help` lists the flags\.$"),
-        *(
-            ([flag], rf"^{flag} needs a value: `python -m program --help` explains the flags\.$")
-            for flag in ("--seed", "--preset", "--env")
-        ),
-        (["--seed", "two"], r"^--seed is 'two': give a whole number; `python -m program --help` "),
-        (["--learning.discount", "x"], r"^--learning.discount is 'x': give a number; `python "),
-        (
-            ["--learning.target", "triple"],
-            r"^--learning.target is 'triple': choose one of 'dqn', 'double'; `python -m program ",
-        ),
-    ],
-)
-def test_what_is_not_understood_is_told_in_a_sentence(arguments: list[str], words: str) -> None:
-    with pytest.raises(InputError, match=words):
-        parsed(*arguments)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["--zzz=1"], r"`ale-robot train --help-all` lists the flags\.$"),
-        (["--seed"], r"`ale-robot train --help-all` explains the flags\.$"),
-    ],
-)
-def test_a_command_names_its_help_with_every_flag(
-    arguments: list[str], words: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("sys.argv", ["ale-robot train"])
-    with pytest.raises(InputError, match=words):
-        parsed(*arguments)
-
-
-@dataclass(frozen=True)
-class Demanding:
-    """What cannot do without."""
-
-    source: tyro.conf.Positional[Path]
-    """Where it comes from."""
-    target: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
-    """Where it goes, which is a long story that does not fit a line of the box in which tyro tells
-    it."""
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        ([], r"^PATH is missing \(Where it comes from\): `python -m program --help` explains"),
-        (["a"], r"^-o PATH, --target PATH is missing \(Where it goes, which .* tyro tells it\): `"),
-    ],
-)
-def test_what_is_missing_is_told_with_its_meaning(arguments: list[str], words: str) -> None:
-    with pytest.raises(InputError, match=words):
-        parse(Demanding, "program", arguments)
-
-
-@dataclass(frozen=True)
-class Choosing:
-    """What must be told which."""
-
-    engine: tyro.conf.Positional[Literal["one", "two"]]
-    """Engine that runs it."""
-    steps: int | None = None
-    """Number of steps."""
-
-
-@dataclass(frozen=True)
-class Named:
-    """What must be told who."""
-
-    name: tyro.conf.Positional[str]
-    """OWNER/NAME at the hub."""
-
-
-@pytest.mark.parametrize(
-    ("kind", "arguments", "words"),
-    [
-        (Choosing, [], r"^name one of one, two \(Engine that runs it\): `python -m program "),
-        (Choosing, ["one", "--steps", "x"], r"^--steps is 'x': give a whole number; `python -m "),
-        (Named, [], r"^a name is missing \(OWNER/NAME at the hub\): `python -m program --help` "),
-    ],
-)
-def test_a_missing_choice_or_name_is_told(kind: type, arguments: list[str], words: str) -> None:
-    with pytest.raises(InputError, match=words):
-        parse(kind, "program", arguments)
-
-
-def test_settings_of_a_file_go_over_the_preset_and_below_the_flags(tmp_path: Path) -> None:
-    file = tmp_path / "run.toml"
-    file.write_text(
-        'env = "ale"\nrun = "x"\n[play]\nminimal_actions = false\n[learning]\nn-step = 1'
-    )
-    options = parsed("--config", str(file), "--learning.n-step", "2")
-    fast = PRESETS["fast"]
-    expected = replace(
-        fast,
-        play=replace(fast.play, minimal_actions=False),
-        learning=replace(fast.learning, n_step=2),
-    )
-    assert options == Options(expected, run="x")
-
-
-def test_settings_of_a_stored_run_or_a_card_are_taken_whole(tmp_path: Path) -> None:
-    stored = replace(PRESETS["paper"], game="breakout", seed=7)
-    file = tmp_path / "config.json"
-    file.write_text(to_json(stored))
-    assert parsed(f"--config={file}").config == stored
-    assert parsed("--seed", "8", "--config", str(file)).config == replace(stored, seed=8)
-    card = tmp_path / "card.json"
-    card.write_text(f'{{"run": "r", "config": {to_json(stored)}}}')
-    assert parsed("--config", str(card)).config == stored
-    for text in ("--version", "--config=x", "two words"):
-        own = replace(stored, learning=replace(stored.learning, algorithm_settings=text))
-        file.write_text(to_json(own))
-        with pytest.raises(InputError, match=f"algorithm_settings is '{text}', but dqn has no"):
-            parsed("--config", str(file))
-
-
-@pytest.mark.parametrize(
-    ("name", "content", "words"),
-    [
-        ("run.toml", "seed = ", r"run\.toml cannot be read: "),
-        ("run.toml", "config = 'b.toml'", "remove config from it"),
-        ("run.toml", "sede = 3", "there is no flag --sede: did you mean"),
-        ("run.toml", "seed = 0x" + "F" * 5_000, r"run\.toml cannot be read: Exceeds"),
-        ("run.toml", f"[{'a.' * 50_000}a]\nb = 1", r"cannot be read: maximum recursion"),
-        ("run.toml", "x = " + "[" * 50_000, r"cannot be read: maximum recursion"),
-        ("run.toml", r'runs = "\u0000"', "holds a NUL character: remove it"),
-        ("config.json", "[]", "should be a table"),
-        ("config.json", "[" * 100_000, r"cannot be read: maximum recursion"),
-        ("none.toml", None, r"none\.toml cannot be read: No such file or directory\.$"),
-    ],
-)
-def test_a_file_of_settings_that_cannot_be_used_is_told(
-    tmp_path: Path, name: str, content: str | None, words: str
-) -> None:
-    if content is not None:
-        (tmp_path / name).write_text(content)
-    with pytest.raises(InputError, match=words):
-        parsed("--config", str(tmp_path / name))
-    with pytest.raises(InputError, match="--config names a file"):
-        parsed("--config")
 
 
 def test_a_network_is_a_file_or_a_published_one(

@@ -1,0 +1,104 @@
+"""Errors about flags: one sentence with what to do, whatever tyro says."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+import pytest
+import tyro
+
+from common.errors import InputError
+from common.process.command_line import parse
+from tests.common.process.test_command_line import parsed
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--gmae", "pong"], r"^there is no flag --gmae: did you mean --game\?$"),
+        (["--zzz=1"], r"^there is no flag --zzz.*: `python -m program --help` lists the flags\.$"),
+        (["pong"], r"^pong has no flag before it: `python -m program --help` lists the flags\.$"),
+        *(
+            ([flag], rf"^{flag} needs a value: `python -m program --help` explains the flags\.$")
+            for flag in ("--seed", "--preset", "--env")
+        ),
+        (["--seed", "two"], r"^--seed is 'two': give a whole number; `python -m program --help` "),
+        (["--learning.discount", "x"], r"^--learning.discount is 'x': give a number; `python "),
+        (
+            ["--learning.target", "triple"],
+            r"^--learning.target is 'triple': choose one of 'dqn', 'double'; `python -m program ",
+        ),
+    ],
+)
+def test_what_is_not_understood_is_told_in_a_sentence(arguments: list[str], words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        parsed(*arguments)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--zzz=1"], r"`ale-robot train --help-all` lists the flags\.$"),
+        (["--seed"], r"`ale-robot train --help-all` explains the flags\.$"),
+    ],
+)
+def test_a_command_names_its_help_with_every_flag(
+    arguments: list[str], words: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("sys.argv", ["ale-robot train"])
+    with pytest.raises(InputError, match=words):
+        parsed(*arguments)
+
+
+@dataclass(frozen=True)
+class Demanding:
+    """What cannot do without."""
+
+    source: tyro.conf.Positional[Path]
+    """Where it comes from."""
+    target: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
+    """Where it goes, which is a long story that does not fit a line of the box in which tyro tells
+    it."""
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ([], r"^PATH is missing \(Where it comes from\): `python -m program --help` explains"),
+        (["a"], r"^-o PATH, --target PATH is missing \(Where it goes, which .* tyro tells it\): `"),
+    ],
+)
+def test_what_is_missing_is_told_with_its_meaning(arguments: list[str], words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        parse(Demanding, "program", arguments)
+
+
+@dataclass(frozen=True)
+class Choosing:
+    """What must be told which."""
+
+    engine: tyro.conf.Positional[Literal["one", "two"]]
+    """Engine that runs it."""
+    steps: int | None = None
+    """Number of steps."""
+
+
+@dataclass(frozen=True)
+class Named:
+    """What must be told who."""
+
+    name: tyro.conf.Positional[str]
+    """OWNER/NAME at the hub."""
+
+
+@pytest.mark.parametrize(
+    ("kind", "arguments", "words"),
+    [
+        (Choosing, [], r"^name one of one, two \(Engine that runs it\): `python -m program "),
+        (Choosing, ["one", "--steps", "x"], r"^--steps is 'x': give a whole number; `python -m "),
+        (Named, [], r"^a name is missing \(OWNER/NAME at the hub\): `python -m program --help` "),
+    ],
+)
+def test_a_missing_choice_or_name_is_told(kind: type, arguments: list[str], words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        parse(kind, "program", arguments)
