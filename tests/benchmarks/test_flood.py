@@ -3,7 +3,8 @@
 import pytest
 
 from benchmarks import catch, flood
-from benchmarks.flood import ALONE, BUSY, FLOODED, Mark, Options
+from benchmarks.flood import ALONE, BUSY, FLOODED, Options
+from benchmarks.flood_training import Mark, rates
 from common.registry import ENVIRONMENTS
 from tests.extending.whole_run import added
 
@@ -44,7 +45,7 @@ def test_updates_and_steps_are_counted_by_the_clocks_of_those_who_make_them() ->
     first = Mark(_values(100, 10.0, 5), 50.0, 3.0, (1_000, 20.0), 7, {"chunks": 20})
     sent = {"chunks": 70, "requests": 10}
     last = Mark(_values(500, 14.0, 45), 55.0, 8.0, (1_500, 24.0), 107, sent)
-    assert flood.rates(first, last) == {
+    assert rates(first, last) == {
         "updates": 100.0,
         "agent_steps": 125.0,
         "learner_cores": 1.0,
