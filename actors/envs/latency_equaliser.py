@@ -18,6 +18,7 @@ from common.run.conditions import MAX_ADDED
 
 _HANDS = tuple(map(int, (Keys.UP | Keys.DOWN | Keys.LEFT | Keys.RIGHT, Keys.FIRE)))
 """The keys of each hand, or stick. It moves from one set of its keys to another."""
+_OPPOSITES = tuple(map(int, OPPOSITES))
 GAP = 1
 """Emulator frames by which a hand presses its keys later than it releases others."""
 TRAVEL = 1
@@ -62,7 +63,7 @@ class LatencyEqualiser:
             # A command that pressed a key sooner than it releases another would take two.
             gaps = zip(presses, (GAP, GAP + TRAVEL), strict=True)
             latency = HandLatency(release, *(min(press, release + gap) for press, gap in gaps))
-            keys_by_latency[latency] = keys_by_latency.get(latency, 0) | key
+            keys_by_latency[latency] = keys_by_latency.get(latency, 0) | int(key)
         self._keys_by_latency = dict(sorted(keys_by_latency.items()))
 
     @property
@@ -78,6 +79,7 @@ class LatencyEqualiser:
 
     def step_frame(self) -> Keys:
         self._told.append(self._wanted)
+        self._schedule.append(self._held())
         if (due := self._due()) != self._passed_on:
             self._give(self._given_ago(due))
             self._passed_on = due
@@ -97,9 +99,11 @@ class LatencyEqualiser:
                 for frames in range(press + 1, in_play + 1)
             ]
             keys &= reduce(or_, moving, reduce(or_ if press > release else and_, coming))
-            for pair in OPPOSITES:
+            for pair in _OPPOSITES:
                 if due & pair:  # a quicker key opposite is to be held sooner
                     keys &= ~pair
+                elif keys & pair == pair:  # the hand stays where it is until it may leave
+                    keys &= ~pair | self._passed_on
             due |= keys
         return due
 
@@ -120,7 +124,14 @@ class LatencyEqualiser:
 
     def _held_in(self, frames: int) -> int:
         """The keys that are to be held so many frames from now."""
-        past = [self._seen_in(frames - ago) for ago in range(GAP + TRAVEL + REST)]
+        ahead = frames - (self._latency - self.seen_late)
+        return self._held(ahead) if ahead > 0 else self._schedule[ahead - 1]
+
+    def _held(self, ahead: int = 0) -> int:
+        """The keys that are to be held by the last command, if it has lasted ``ahead`` frames
+        more."""
+        last = len(self._told) - 1
+        past = [self._told[min(last, last + ahead - ago)] for ago in range(GAP + TRAVEL + REST)]
         held = 0
         for hand in _HANDS:
             keys, *before = (each & hand for each in past)
@@ -138,3 +149,5 @@ class LatencyEqualiser:
         self._wanted = self._passed_on = 0
         self._told: deque[int] = deque([0] * _REMEMBERED, maxlen=_REMEMBERED)
         """What was commanded in each of the last frames."""
+        self._schedule: deque[int] = deque(self._told, maxlen=_REMEMBERED)
+        """For each of them, the keys that are to be held when its time has come."""

@@ -6,11 +6,12 @@ import numpy as np
 from hypothesis import example, given
 from hypothesis import strategies as st
 
+from actors.envs.hand_timing import HandLatency
 from actors.envs.late_commands import hands_of
 from actors.envs.latency_equaliser import LatencyEqualiser
 from actors.envs.robot import RobotEnv
 from actors.robots.interface import Hands
-from common.actions import KEYS_OF_ACTION, Keys
+from common.actions import KEYS_OF_ACTION, OPPOSITES, Keys
 from common.run.conditions import PlayConfig
 from tests.actors.envs.uneven_hands import UnevenHands
 
@@ -126,6 +127,80 @@ def test_a_slow_key_takes_no_time_of_a_quick_one(actions: list[int]) -> None:
     felt, due = play(waiting, actions, 5), schedule(actions, EQUAL, 5)
     for key in (Keys.RIGHT, Keys.FIRE):
         assert [keys & key for keys in felt] == [keys & key for keys in due]
+
+
+class Recorded(UnevenHands):
+    """Hands that keep the last command they got."""
+
+    got = Keys.NONE
+
+    def command(self, keys: Keys) -> None:
+        self.got = keys
+        super().command(keys)
+
+
+def due(told: list[Keys], lead: int, got: Keys, latencies: dict[HandLatency, int]) -> Keys:
+    """What hands that ``got`` a command have to set out for after the commands ``told``, one for
+    each frame, if each is to be obeyed ``lead`` frames later: the whole schedule, made anew."""
+
+    def seen_in(frames: int) -> Keys:
+        frame = len(told) - 1 + min(frames - lead, 0)
+        return told[frame] if frame >= 0 else Keys.NONE
+
+    def held_in(frames: int) -> Keys:
+        held = Keys.NONE
+        for hand in (Keys.UP | Keys.DOWN | Keys.LEFT | Keys.RIGHT, Keys.FIRE):
+            goal, *before = (seen_in(frames - ago) & hand for ago in range(8))
+            if all(keys == goal for keys in before[: 2 if any(before[1:]) else 1]):
+                held |= goal
+        return held
+
+    set_out = Keys.NONE
+    for (release, press, in_play), keys in latencies.items():
+        either, both = Keys.NONE, Keys(31)
+        for frames in range(min(release, press), max(release, press) + 1):
+            either, both = either | held_in(frames), both & held_in(frames)
+        wanted = either if press > release else both
+        for frames in range(press + 1, in_play + 1):
+            wanted |= held_in(frames) & seen_in(frames - 2)
+        wanted &= Keys(keys & 31)
+        for pair in OPPOSITES:
+            if set_out & pair:
+                wanted &= ~pair
+            elif wanted & pair == pair:
+                wanted &= ~pair | got
+        set_out |= wanted
+    return set_out
+
+
+UNEVEN_KEYS = st.fixed_dictionaries(
+    {key: st.tuples(st.integers(0, 20), st.integers(0, 20)) for key in ALL}
+)
+SPELLS = st.lists(
+    st.tuples(st.integers(0, 17), st.integers(1, 9), st.integers(0, 16)), min_size=1, max_size=12
+)
+"""Commands, the frames that each lasts, and how late it is seen."""
+
+
+@given(UNEVEN_KEYS, SPELLS)
+@example(UNEVEN, [(3, 4, 0), (4, 4, 0), (3, 1, 4), (0, 9, 14)])
+@example(UNEVEN | dict.fromkeys(Keys.UP | Keys.DOWN, (4, 0)), [(2, 4, 0), (5, 20, 0)])
+def test_each_frame_sets_out_for_what_the_whole_schedule_says(
+    uneven: dict[Keys, tuple[int, int]], spells: list[tuple[int, int, int]]
+) -> None:
+    recorded = Recorded(uneven)
+    waiting = LatencyEqualiser(recorded, EQUAL)
+    waiting.time(ALL)
+    waiting.rest()
+    recorded.got, told = Keys.NONE, list[Keys]()
+    for action, frames, waiting.seen_late in spells:
+        waiting.command(KEYS_OF_ACTION[action])
+        for _ in range(frames):
+            told.append(KEYS_OF_ACTION[action])
+            lead = EQUAL - waiting.seen_late
+            expected = due(told, lead, recorded.got, waiting._keys_by_latency)
+            waiting.step_frame()
+            assert recorded.got == expected
 
 
 def test_what_is_seen_late_leaves_the_hands_less_time() -> None:
