@@ -33,7 +33,7 @@ if Path(sys.argv[0]).name == "ale-robot":  # the imports below come before its `
 
     leave_at_interrupt()
 
-from actors.envs import env_id  # noqa: E402
+from ale_robot.environments import env_id  # noqa: E402
 from common.version import VERSION as __version__  # noqa: E402
 
 

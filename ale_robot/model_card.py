@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
-from actors.envs import env_id
+from ale_robot.environments import env_id
 from common.minus import minus_signed
 from common.press_latency import ms_of
 from common.process.extras import extra_for

@@ -1,7 +1,8 @@
 """Imports go one way, and what is foreign has one door.
 
 ``common`` ← ``replay`` ← ``learner`` ← ``deploy``; ``common`` ← ``actors`` ← ``viewer``;
-``benchmarks`` and tests above all. An import counts wherever it stands, also inside a function.
+``benchmarks`` and tests above all. An import counts wherever it stands, also inside a function, and
+so does ``"module:name"`` as text, except in the registry, whose purpose that is.
 """
 
 import ast
@@ -49,6 +50,10 @@ DOORS: dict[str, str | tuple[str, ...]] = {
 """By foreign package, the file or folder that alone imports it."""
 
 
+REGISTRY = "common/registry.py"
+AS_TEXT = re.compile(r"(\w+(\.\w+)+):[\w.]*")
+
+
 def imported(source: str) -> Iterator[str]:
     """Every package, module and name that ``source`` imports absolutely."""
     for node in ast.walk(ast.parse(source)):
@@ -60,11 +65,20 @@ def imported(source: str) -> Iterator[str]:
             yield from (f"{node.module}.{alias.name}" for alias in node.names)
 
 
+def named_as_text(source: str) -> Iterator[str]:
+    """Every module of a ``"module:name"`` in ``source``, whose name may follow later."""
+    for node in ast.walk(ast.parse(source)):
+        text = node.value if isinstance(node, ast.Constant) else None
+        if isinstance(text, str) and (match := AS_TEXT.fullmatch(text)):
+            yield match[1]
+
+
 def against_the_rules(path: str, source: str) -> set[tuple[str, str]]:
     """The file and what it imports, for each import that it may not have."""
     own = path.split("/")[0]
     found = set()
-    for module in imported(source):
+    texts = [] if path == REGISTRY else list(named_as_text(source))
+    for module in (*imported(source), *texts):
         package = module.split(".")[0]
         foreign = package in ARROWS and package not in {own, *ARROWS[own]}
         if foreign or not path.startswith(DOORS.get(package, "")):
@@ -115,6 +129,8 @@ def test_the_transport_is_chosen_in_one_place() -> None:
         ("learner/training.py", "if True:\n    import os, actors.games", "actors"),
         ("actors/loop.py", "from replay.ring import Ring", "replay"),
         ("actors/loop.py", "import viewer", "viewer"),
+        ("actors/envs/__init__.py", "register(f'viewer.terminal.rendering:{kind}')", "viewer"),
+        ("replay/ring.py", "FACTORY = 'learner.training:Learner.of_run'", "learner"),
         ("viewer/show.py", "from benchmarks.report import publish", "benchmarks"),
         ("replay/server.py", "import zenoh", "zenoh"),
         ("common/transport/requests.py", "from zenoh.handlers import Callback", "zenoh"),
@@ -133,6 +149,8 @@ def test_a_broken_arrow_is_seen(path: str, source: str, package: str) -> None:
             "common/transport/zenoh_transport.py",
             "import zenoh, common.errors",
         ),
+        (REGISTRY, "Entry('ale', 'actors.envs.ale:AtariEnv.of_run')"),
+        ("replay/ring.py", "'learner.training: the loop'"),
         ("actors/robots/nao/engine.py", "def f():\n    import pybullet"),
         ("learner/training.py", "from replay.interface import Replay\nfrom . import clock"),
         ("benchmarks/transport_client.py", "import actors, learner, replay, viewer, common"),

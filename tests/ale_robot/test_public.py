@@ -10,12 +10,32 @@ import pytest
 
 import ale_robot
 from common.errors import InputError
+from common.games import GAMES
 from tests.paths import ROOT
 
 
-def test_the_environments_are_registered_and_their_names_told() -> None:
+def test_all_games_are_registered_under_both_names() -> None:
     assert ale_robot.env_id("space_invaders", robot=True) == "ALERobot/SpaceInvaders-v0"
-    assert "ALERobot/Pong-Emulator-v0" in gymnasium.registry
+    assert ale_robot.env_id("tic_tac_toe_3d", robot=False) == "ALERobot/TicTacToe3D-Emulator-v0"
+    for game in GAMES:
+        for robot in (True, False):
+            spec = gymnasium.spec(ale_robot.env_id(game, robot=robot))
+            assert spec.kwargs == {"game": game}
+            assert spec.entry_point == (
+                f"ale_robot.entry_points:{'robot' if robot else 'emulator'}_env"
+            )
+
+
+def test_importing_the_package_loads_no_physics_and_no_vision() -> None:
+    code = (
+        "import sys, ale_robot\n"
+        "loaded = {'pybullet', 'cv2', 'torch'} & set(sys.modules)\n"
+        "assert not loaded, loaded\n"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_the_public_names_are_told() -> None:
     assert ale_robot.__version__
     assert dir(ale_robot) == sorted(ale_robot.__all__)  # those too that are loaded when asked for
 

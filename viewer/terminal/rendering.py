@@ -4,8 +4,6 @@ The environments themselves support only "rgb_array".
 """
 
 import math
-import pkgutil
-import sys
 from collections.abc import Callable
 from typing import Any
 
@@ -13,8 +11,6 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from actors.vision.layout import ASPECT
-from common.errors import InputError
 from viewer.terminal.window import TerminalWindow
 
 ROOM_EVERY = 4
@@ -74,33 +70,3 @@ class TerminalRendering(gymnasium.Wrapper[Any, Any, Any, Any]):
             picture = self._view(*_ROOM_SIZE, moved=self._shown % ROOM_EVERY == 0)
         self._shown += 1
         self._window.show(picture, self._aspect)
-
-
-class EntryPoint:
-    """An entry point for Gymnasium that draws into the terminal for render_mode "human"."""
-
-    metadata = {"render_modes": ["human", "rgb_array"], "render_fps": 15}  # noqa: RUF012
-
-    def __init__(self, env: str, aspect: float | None = None) -> None:
-        self._env = env
-        self._aspect = aspect
-
-    def __call__(
-        self, *, render_mode: str | None = None, **settings: Any
-    ) -> gymnasium.Env[Any, Any]:
-        """Makes the environment. Raises InputError for render_mode "human" if standard output is
-        not a terminal."""
-        human = render_mode == "human"
-        if human and (sys.stdout is None or not sys.stdout.isatty()):
-            raise InputError(
-                'render_mode "human" draws into the terminal, but standard output is not one: '
-                'use "rgb_array".'
-            )
-        made: gymnasium.Env[Any, Any] = pkgutil.resolve_name(self._env)(
-            render_mode="rgb_array" if human else render_mode, **settings
-        )
-        return TerminalRendering(made, self._aspect) if human else made
-
-
-robot_env = EntryPoint("actors.envs.robot:RobotEnv")
-emulator_env = EntryPoint("actors.envs.ale:AtariEnv", ASPECT)

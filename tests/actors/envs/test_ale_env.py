@@ -12,12 +12,12 @@ from ale_py import ALEInterface
 from gymnasium.utils.env_checker import check_env
 from numpy.typing import NDArray
 
-from actors.envs import env_id, make_env
+from actors.envs import make_env
 from actors.envs.ale import AtariEnv
 from actors.envs.step_info import StepInfo
+from ale_robot.environments import env_id
 from common.actions import Keys
 from common.errors import InputError
-from common.games import GAMES
 from common.run.conditions import PlayConfig
 from common.run.config import RunConfig
 from tests.actors.envs.narrowed import frames_of, rom_of
@@ -143,18 +143,6 @@ def test_gymnasium_finds_nothing_to_complain_about() -> None:
         picture = env.render()
         assert isinstance(picture, np.ndarray)
         assert picture.shape == (rows, 160, 3)
-
-
-def test_all_games_are_registered_under_both_names() -> None:
-    assert env_id("space_invaders", robot=True) == "ALERobot/SpaceInvaders-v0"
-    assert env_id("tic_tac_toe_3d", robot=False) == "ALERobot/TicTacToe3D-Emulator-v0"
-    for game in GAMES:
-        for robot in (True, False):
-            spec = gymnasium.spec(env_id(game, robot=robot))
-            assert spec.kwargs == {"game": game}
-            # Where a person looks on, the environment is drawn into the terminal.
-            kind = "robot_env" if robot else "emulator_env"
-            assert spec.entry_point == f"viewer.terminal.rendering:{kind}"
 
 
 def test_make_env_follows_the_configuration() -> None:

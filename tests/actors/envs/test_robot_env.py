@@ -11,10 +11,10 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.utils.seeding import np_random
 from numpy.typing import NDArray
 
-import actors.envs
 from actors.envs.emulator import Emulator
 from actors.envs.observation import shrink
 from actors.envs.robot import RobotEnv
+from ale_robot.environments import env_id
 from common.actions import KEYS_OF_ACTION, Keys
 from common.errors import InputError
 from common.run.conditions import PlayConfig
@@ -43,7 +43,7 @@ def play(env: RobotEnv, seed: int, steps: int) -> list[object]:
 
 
 def test_gymnasium_finds_nothing_wrong() -> None:
-    env = gymnasium.make(actors.envs.env_id("pong", robot=True), render_mode="rgb_array")
+    env = gymnasium.make(env_id("pong", robot=True), render_mode="rgb_array")
     assert isinstance(env.unwrapped, RobotEnv)
     with warnings.catch_warnings():
         warnings.simplefilter("error")

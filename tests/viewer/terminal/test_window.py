@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 import viewer.terminal.window
-from actors.envs import env_id
+from ale_robot.environments import env_id
 from common.errors import InputError
 from tests.paths import ROOT
 from viewer.terminal.terminal import write_all
@@ -161,7 +161,7 @@ print("closed")
 def test_an_environment_for_people(terminal: tuple[int, int], name: str, how: str) -> None:
     far, near = terminal
     program = subprocess.Popen(
-        [sys.executable, "-W", "error", "-c", PROGRAM, f"actors.envs:{name}", how],
+        [sys.executable, "-W", "error", "-c", PROGRAM, f"ale_robot:{name}", how],
         cwd=ROOT,
         stdin=subprocess.DEVNULL,
         stdout=near,
