@@ -49,7 +49,7 @@ class Policy:
         actions = config.action_count
         policy = cls(build_network(config, actions), actions, np.random.default_rng(seed))
         if weights is not None:
-            what = f"{config.game} ({config.env}) with {actions} actions"
+            what = f"{config.played} with {actions} actions"
             load_weights_file(policy.network, weights, what)
             policy.epsilon = epsilon
         return policy

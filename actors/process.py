@@ -77,7 +77,7 @@ def join(options: ActorOptions) -> None:
         actions = int(envs[0].action_space.n)  # type: ignore[attr-defined]
         if actions != config.action_count:
             raise InputError(
-                f"{config.game} ({config.env}) offers {actions} actions here, but the run has "
+                f"{config.played} offers {actions} actions here, but the run has "
                 f"{config.action_count}: install the versions of requirements.lock."
             )
         policy = Policy(
@@ -89,10 +89,8 @@ def join(options: ActorOptions) -> None:
             exploration=None if options.evaluator else config.exploration,
         )
         tell("READY=1", f"STATUS=plays for run {keys.run} at {options.connect}")
-        member.warn(
-            f"plays {config.game} ({config.env}{options.clock}) for run {keys.run} at "
-            f"{options.connect}."
-        )
+        joined = f"joined run {keys.run} at {options.connect}"
+        member.warn(f"{joined}: plays {config.played}{options.clock}.")
         try:
             if options.evaluator:
                 Evaluator(member, envs[0], policy).run(int(seeds[0]))

@@ -59,6 +59,8 @@ class Environment(Entry):
     """Settings, such as ``camera.yaw``, that have no effect in it; changing them, or ranges around
     them, is refused."""
     title: str = ""
+    atari: bool = False
+    """Whether it plays the Atari game that the settings name."""
 
 
 @dataclass(frozen=True)
@@ -180,6 +182,7 @@ ENVIRONMENTS = Registry(
         _atari_actions,
         ignores=SETTINGS_OF_A_ROBOT,
         title="ALE-Only",
+        atari=True,
     ),
     Environment(
         "robot",
@@ -189,5 +192,6 @@ ENVIRONMENTS = Registry(
         robot=True,
         preset="robot",
         title="ALE-Robot",
+        atari=True,
     ),
 )

@@ -73,7 +73,7 @@ class Check(Played):
             judged = list(zip(_BOUNDS, np.mean(figures, axis=0).tolist(), strict=False))
             if not ROBOTS.find(config.play.robot).prompt:
                 judged = [each for each in judged if each[0] is not KEYS_AS_COMMANDED]
-            title = f"{config.game} ({config.env}), {len(figures)} random agent steps"
+            title = f"{config.played}, {len(figures)} random agent steps"
             console.print(_checks_table(judged, title))
             if isinstance(env, RobotEnv) and (found := _changes(env, config.seed, stop)):
                 console.print(_latency_table(found))

@@ -106,7 +106,7 @@ class WatchScreen:
     def __init__(self, env: GameEnv, config: RunConfig, name: str) -> None:
         self._env = env
         self._name = name
-        self._title = f"{config.game.replace('_', ' ')} ({config.env})"
+        self._title = config.played.replace("_", " ")
         self.graphics: Graphics | None = None
         """How to draw pictures; None for half blocks."""
         self._drawn: Graphics | None = None

@@ -31,6 +31,6 @@ class Announcement(Message):
         self.config.check()
         if self.actions != self.config.action_count:
             raise InputError(
-                f"{self.config.game} ({self.config.env}) has {self.actions} actions at the hub and "
+                f"{self.config.played} has {self.actions} actions at the hub and "
                 f"{self.config.action_count} here: install the same versions on both machines."
             )

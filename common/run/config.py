@@ -204,6 +204,11 @@ class RunConfig:
     protocol: ProtocolConfig = field(default_factory=ProtocolConfig)
 
     @property
+    def played(self) -> str:
+        """What is played, for people: "pong (robot)", or an environment without Atari games."""
+        return f"{self.game} ({self.env})" if ENVIRONMENTS.find(self.env).atari else self.env
+
+    @property
     def samples_per_insert(self) -> float:
         """Number of times that each stored step is drawn, on average (2017: 32 / 4 = 8)."""
         return self.learning.batch_size / self.learning.train_period

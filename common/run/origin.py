@@ -184,7 +184,7 @@ def check_fit(
     if flags:
         other = "" if trained.game == config.game else f", or name a network of {config.game}"
         raise InputError(
-            f"{weights}, which plays {trained.game} ({trained.env}), was trained with "
+            f"{weights}, which plays {trained.played}, was trained with "
             f"{', '.join(needs)}, and here it would have {', '.join(has)}: add "
             f"{' '.join(dict.fromkeys(flags))}{other}."
         )

@@ -100,6 +100,12 @@ def test_an_environment_from_outside_is_learned(tmp_path: Path) -> None:
     assert 1 < summary["random_reward"] < 6
 
 
+def test_it_is_announced_by_its_own_name() -> None:
+    with added(ENVIRONMENTS, LAMPS):
+        assert replace(CONFIG, game="pong").played == "lamps"
+    assert replace(PRESETS["robot"], game="space_invaders").played == "space_invaders (robot)"
+
+
 def test_an_environment_has_settings_of_its_own(tmp_path: Path) -> None:
     config = replace(CONFIG, play=replace(CONFIG.play, env_settings="lamps=7"))
     with added(ENVIRONMENTS, LAMPS):
