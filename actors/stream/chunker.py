@@ -48,10 +48,14 @@ class Chunker:
             older = min(self._age, len(step.s_tm1) - 1)
             self._context = step.s_tm1[-1 - older : -1].copy()
         self._age += 1
-        # The loop overwrites its states in place, so copy what the chunk needs.
+        # The loop overwrites its states in place, and an environment may do so with its
+        # observations, so copy what the chunk needs.
         self._steps.append(
             step._replace(
-                s_tm1=step.s_tm1[-1].copy(), s_t=step.s_t[-1].copy(), x_tm1=step.x_tm1.copy()
+                s_tm1=step.s_tm1[-1].copy(),
+                s_t=step.s_t[-1].copy(),
+                x_tm1=step.x_tm1.copy(),
+                x_t=step.x_t.copy(),
             )
         )
         return self.cut() if len(self._steps) == self._length else None

@@ -37,7 +37,8 @@ class Moment(NamedTuple):
 class NumberedEnv(gymnasium.Env[Any, np.int64]):
     """Steps end as ``endings`` says, over and over; frames count up from ``first``.
 
-    With a ``width`` there is a vector beside the frames, filled with the newest one's number.
+    With a ``width`` there is a vector beside the frames, filled with the newest one's number. Every
+    observation is in the same arrays, as an environment from elsewhere may do.
     """
 
     def __init__(
@@ -53,6 +54,8 @@ class NumberedEnv(gymnasium.Env[Any, np.int64]):
         self._frame_stack = frame_stack
         self._number = first
         self._width = width
+        self._shown = np.zeros((frame_stack, 84, 84), np.uint8)
+        self._shown_vector = np.zeros(width, np.float32)
         self._score = 0.0
         self._steps = 0
 
@@ -99,9 +102,10 @@ class NumberedEnv(gymnasium.Env[Any, np.int64]):
         return np.full(self._width, self._number, np.float32)
 
     def _observation(self) -> Any:
+        self._shown[:], self._shown_vector[:] = self._state, self._vector()
         if not self._width:
-            return self._state.copy()
-        return {"frames": self._state.copy(), "vector": self._vector()}
+            return self._shown
+        return {"frames": self._shown, "vector": self._shown_vector}
 
     def _next_frame(self) -> NDArray[np.uint8]:
         self._number += 1
