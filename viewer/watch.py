@@ -34,6 +34,8 @@ from viewer.terminal.held_keys import HeldKeys
 from viewer.terminal.terminal import Terminal, check_terminal
 
 LEAST_SIZE = (60, 20)
+_SMALLEST = (3, 2)
+"""Least columns and rows in which there is anything to draw, if the terminal is made smaller."""
 _HANDS = (160, 120)
 """Least width and height at which the hands are rendered, pixels; small, because cells are
 large."""
@@ -121,12 +123,14 @@ class WatchScreen:
     ) -> str:
         """Returns what to write into a terminal of ``size`` columns and rows after ``step``.
 
+        Less is shown in one that was made smaller than `LEAST_SIZE` in the meantime.
+
         Args:
             values: Q-values by which the action was chosen, ``float32 [actions]``; None at random
                 play.
             scores: scores of the games that ended.
         """
-        columns, rows = size
+        columns, rows = map(max, size, _SMALLEST)
         if self.graphics != self._drawn:
             self._drawn, self._blocks = self.graphics, HalfBlocks()
         # With half blocks, a cell has two pixels, one above the other.
@@ -177,8 +181,7 @@ class WatchScreen:
         """Returns the hands at the controller; of an emulator alone, the network's input."""
         env = self._env
         if isinstance(env, RobotEnv):
-            view = env.robot.view(env.emulator.screen_rgb(), *max(size, _HANDS), "hands")
-            return _scaled(view, size)
+            return _scaled(env.view(*max(size, _HANDS), "hands"), size)
         return _scaled(cv2.cvtColor(step.s_t[-1], cv2.COLOR_GRAY2RGB), size)
 
     def _lines(

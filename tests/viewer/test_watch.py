@@ -17,6 +17,7 @@ from common.errors import InputError
 from common.run.conditions import PlayConfig
 from common.run.presets import PRESETS
 from tests.viewer.person import Person
+from viewer.terminal.graphics import Graphics
 from viewer.watch import LEAST_SIZE, Watch, WatchScreen
 
 PLAY = PlayConfig(random_starts=0, minimal_actions=True)
@@ -69,6 +70,19 @@ def test_everything_is_there_and_within_the_terminal(robot: Any, size: tuple[int
     assert "q leaves; robot_pong plays pong (robot), 2 games over" in told
     # Yellow around the screen that was found, magenta around the game in it.
     assert re.search(r"38;2;2[0-9]{2};(1[0-9]|[0-9])?[0-9];2[0-9]{2}", written)
+
+
+@pytest.mark.parametrize("size", [(1, 1), (1, 50), (2, 20), (300, 1), (60, 2), (5, 5)])
+@pytest.mark.parametrize("graphics", [None, Graphics("kitty", (8, 16))])
+def test_a_terminal_may_become_as_small_as_it_likes(
+    robot: Any, size: tuple[int, int], graphics: Graphics | None
+) -> None:
+    config = replace(PRESETS["robot"], play=PLAY)
+    step: Any = Step()
+    for env in (robot, AtariEnv("pong", play=PLAY)):
+        screen = WatchScreen(env, config, "robot_pong")
+        screen.graphics = graphics
+        assert texts(screen.draw(size, step, VALUES, []))
 
 
 @pytest.mark.parametrize("size", [(80, 24), (120, 40), (200, 50), (300, 50), (170, 24)])
