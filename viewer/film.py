@@ -21,7 +21,7 @@ from common.run.epochs import EpochRow, EpochTable
 from common.run.folder import RunFolder, kept_networks
 from common.run.origin import find_weights, shown_weights
 from viewer import overlay
-from viewer.movie import open_movie
+from viewer.movie import check_length, open_movie
 from viewer.panels import Panels
 from viewer.player import File, Played, ShownPolicy, shown_env
 from viewer.show import Play
@@ -99,7 +99,9 @@ class Film(Played):
         video = self.video or folder / "films" / "learning.mp4"
         config = self.config(chapters[-1].weights)
         rate = config.play.steps_per_second
-        steps = round((self.seconds or _CHAPTER) * rate)
+        seconds = self.seconds or _CHAPTER
+        check_length(video, seconds, len(chapters))
+        steps = round(seconds * rate)
         with (
             shown_env(config) as env,
             closing(Panels(env, self.nao_urdf, orbiting=True)) as panels,

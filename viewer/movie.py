@@ -1,5 +1,6 @@
 """Films of pictures, written while the pictures are made: MP4 or GIF."""
 
+import math
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from fractions import Fraction
@@ -13,11 +14,27 @@ from PIL import Image
 from common.errors import InputError
 from common.run.folder import check_new_file
 
+_LONGEST_GIF = 120
+"""Maximum length of a GIF, seconds of play; it takes 350 MB of memory."""
 _SMPTE_170M, _LIMITED, _BT_709, _SRGB = 6, 1, 1, 13
 """FFmpeg's numbers for the YUV matrix, the range, the primaries and the transfer function."""
 
 Add = Callable[[NDArray[np.uint8]], None]
 """Adds the film's next picture, ``uint8 [height, width, 3]``; all pictures have one size."""
+
+
+def check_length(path: Path, seconds: float, chapters: int = 1) -> None:
+    """Raises InputError if ``path`` is a GIF that would become too long.
+
+    Args:
+        seconds: length of each of its ``chapters``; 0 if it is unknown.
+    """
+    most = _LONGEST_GIF / chapters
+    if path.suffix.lower() == ".gif" and not 0 < seconds <= most:
+        raise InputError(
+            "a GIF stays in memory until it is complete: choose --seconds up to "
+            f"{math.floor(10 * most) / 10:g}, or an .mp4."
+        )
 
 
 def open_movie(path: Path, rate: float) -> AbstractContextManager[Add]:

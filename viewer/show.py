@@ -17,15 +17,13 @@ from common.process.extras import check_extra
 from common.process.progress import Progress
 from common.run.clock import ClockConfig
 from common.run.conditions import PlayConfig
-from viewer.movie import open_movie
+from viewer.movie import check_length, open_movie
 from viewer.panels import Panels
 from viewer.player import File, Played, ShownPolicy, shown_env
 from viewer.rerun_stream import RerunStream
 
 ROOM_EVERY = 4
 """Agent steps between renderings of the whole room, which is seen from afar."""
-LONGEST_GIF = 120
-"""Maximum length of a GIF, seconds of play; it takes 350 MB of memory."""
 
 
 @dataclass(frozen=True)
@@ -57,12 +55,8 @@ class Play(Played):
     def check(self) -> None:
         if self.viewer is not None or self.save is not None:
             check_extra("--viewer rerun or --save", "viz")
-        gif = self.video is not None and self.video.suffix.lower() == ".gif"
-        if gif and not 0 < self.seconds <= LONGEST_GIF:
-            raise InputError(
-                f"a GIF stays in memory until it is complete: choose --seconds up to {LONGEST_GIF},"
-                " or an .mp4."
-            )
+        if self.video is not None:
+            check_length(self.video, self.seconds)
         if self.nao_urdf is not None and self.video is None:
             raise InputError("--nao-urdf shows another NAO in a film: add --video FILE.")
 

@@ -91,6 +91,15 @@ def test_a_title_stands_above_the_picture() -> None:
     assert (found[33:36] == overlay.YELLOW).all(axis=2).sum(axis=1).tolist() == [50] * 3
 
 
+def test_a_gif_of_a_run_is_no_longer_than_one_of_a_game(run: Path) -> None:
+    gif = run / "films" / "f.GIF"
+    with pytest.raises(InputError, match=r"choose --seconds up to 40, or an \.mp4"):
+        Film(shown=run, video=gif, seconds=40.1).run(threading.Event())
+    assert not gif.exists()
+    Film(shown=run, video=gif, seconds=0.07).run(threading.Event())
+    assert gif.exists()
+
+
 def test_what_cannot_be_filmed_is_told(run: Path, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="is not the folder of a run"):
         Film(shown=tmp_path).run(threading.Event())
