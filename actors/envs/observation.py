@@ -41,21 +41,19 @@ def shrink(grey: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 class FrameStack:
-    """The last ``frame_stack`` frames. A state that it returned never changes afterwards."""
+    """The last ``frame_stack`` frames. A `state` never changes; a new one takes its place."""
 
     def __init__(self, frame_stack: int) -> None:
         self.state: NDArray[np.uint8] = np.zeros((frame_stack, *FRAME_SHAPE), np.uint8)
         """``uint8 [frame_stack, 84, 84]``, newest last."""
 
-    def restart(self, frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """Returns the first state of an episode: its first frame, repeated."""
+    def restart(self, frame: NDArray[np.uint8]) -> None:
+        """Begin an episode, whose first state repeats its first frame."""
         self.state = np.repeat(frame[None], len(self.state), axis=0)
-        return self.state
 
-    def push(self, frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """Returns the state after a new frame."""
+    def push(self, frame: NDArray[np.uint8]) -> None:
+        """Take a new frame for the oldest one."""
         state = np.empty_like(self.state)
         state[:-1] = self.state[1:]
         state[-1] = frame
         self.state = state
-        return state

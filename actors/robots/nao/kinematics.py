@@ -19,7 +19,7 @@ _COMFORT = 0.1
 _STILL = 1e-7
 
 
-class Unreachable(ValueError):
+class OutOfReach(ValueError):
     """Inverse kinematics found no joint angles within the limits for the point."""
 
 
@@ -51,7 +51,7 @@ class ArmChain:
         space (Buss 2004, section 6).
 
         Raises:
-            Unreachable: the search did not converge to ``point``.
+            OutOfReach: the search did not converge to ``point``.
         """
         angles = np.clip(start, self.lower, self.upper)
         for _ in range(_STEPS):
@@ -66,7 +66,7 @@ class ArmChain:
                 break
         miss = float(np.linalg.norm(self.fingertip(angles) - point))
         if miss > 1e-5:
-            raise Unreachable(
+            raise OutOfReach(
                 f"the fingertip stays {miss * 1000:.2f} mm from {point.tolist()}: choose a point "
                 "within the arm's reach."
             )

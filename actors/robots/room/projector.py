@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from actors.robots.room.camera import Camera, Rendering
-from actors.robots.room.sensor import Scene
+from actors.robots.room.sensor import Backdrop
 from actors.vision.layout import BORDER, GAME_IN_PICTURE, UNIT_SQUARE
 from actors.vision.stray_light import StrayLight, has_stray_light
 from actors.vision.window import window_around
@@ -85,9 +85,9 @@ class Projection:
         return image
 
     @property
-    def scene(self) -> Scene:
+    def backdrop(self) -> Backdrop:
         """What the last picture shares with others."""
-        return Scene(self._dark, self._window)
+        return Backdrop(self._dark, self._window)
 
     def _draw_border(self, rendering: Rendering) -> None:
         """Draw the whole picture black; pixels on its edge by the share that it covers."""

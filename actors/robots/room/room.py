@@ -186,7 +186,7 @@ class Room(ABC):
         return self._projection.draw(self.view_of_robot.rendering(), game)
 
     def camera_picture(self, screen: NDArray[np.uint8], agent_steps: int = 1) -> NDArray[np.uint8]:
-        return self.sensor.take(self.picture(screen), agent_steps, self._projection.scene)
+        return self.sensor.take(self.picture(screen), agent_steps, self._projection.backdrop)
 
     def true_corners(self) -> NDArray[np.float64]:
         return self.seen_at(self.furniture.picture_corners)
@@ -200,7 +200,7 @@ class Room(ABC):
 
     def view(
         self,
-        game: NDArray[np.uint8],
+        screen: NDArray[np.uint8],
         width: int = 640,
         height: int = 480,
         viewpoint: ViewName = "room",
@@ -216,7 +216,7 @@ class Room(ABC):
         self.controller.show()
         seen_from = self.viewpoints[viewpoint]
         return self._views.picture(
-            *(seen_from, game, width, height), moved=moved, turn=turn, appearance=self.held
+            *(seen_from, screen, width, height), moved=moved, turn=turn, appearance=self.held
         )
 
     def scene(self) -> Scene:

@@ -21,7 +21,7 @@ _GRAIN_FRAMES = 4
 noise for every pixel would take longer than everything else in an agent step."""
 
 
-class Scene(NamedTuple):
+class Backdrop(NamedTuple):
     """What a pinhole's picture shares with others: everything outside a window."""
 
     background: object
@@ -30,12 +30,12 @@ class Scene(NamedTuple):
 
 
 class _Known(NamedTuple):
-    """A picture of a scene, without noise."""
+    """A picture before a backdrop, without noise."""
 
     background: object
     image: NDArray[np.uint8]
     changed: Window
-    """Window that differs in other pictures of the scene."""
+    """Window that differs in other pictures before it."""
     needed: Window
     """Window that has to be developed for it."""
 
@@ -78,7 +78,7 @@ class Sensor:
             )
 
     def take(
-        self, ideal: NDArray[np.uint8], agent_steps: int = 1, scene: Scene | None = None
+        self, ideal: NDArray[np.uint8], agent_steps: int = 1, backdrop: Backdrop | None = None
     ) -> NDArray[np.uint8]:
         """Returns the robot's picture, ``uint8 [height, width, 3]``.
 
@@ -86,28 +86,28 @@ class Sensor:
             ideal: The pinhole's present picture, larger by the lens's margin if there is a lens. A
                 perfect camera returns this same array.
             agent_steps: Agent steps since the last picture was taken.
-            scene: What ``ideal`` shares with other pictures, to save time.
+            backdrop: What ``ideal`` shares with other pictures, to save time.
         """
         config = self._config
         self._now += agent_steps
         lost = config.dropped > 0 and self._rng.random() < config.dropped
         if not (lost and self._late):
-            self._late.append((self._now, self._exposed(ideal, scene)))
+            self._late.append((self._now, self._exposed(ideal, backdrop)))
         # Returns the newest picture that is late enough, or a game's first one until there is one.
         while len(self._late) > 1 and self._late[1][0] <= self._now - config.latency:
             self._late.popleft()
         return self._late[0][1]
 
-    def _exposed(self, ideal: NDArray[np.uint8], scene: Scene | None) -> NDArray[np.uint8]:
+    def _exposed(self, ideal: NDArray[np.uint8], backdrop: Backdrop | None) -> NDArray[np.uint8]:
         if self.lens is None and self._reach == 0 and self._tones is None:
             image = ideal
-        elif scene is None:
+        elif backdrop is None:
             image = self._develop(ideal, self._whole)
-        elif self._known is None or scene.background is not self._known.background:
+        elif self._known is None or backdrop.background is not self._known.background:
             image = self._develop(ideal, self._whole)
-            shown = scene.window if self.lens is None else self.lens.shown(scene.window)
+            shown = backdrop.window if self.lens is None else self.lens.shown(backdrop.window)
             changed, needed = (self._grown(shown, n * self._reach) for n in (1, 2))
-            self._known = _Known(scene.background, image, changed, needed)
+            self._known = _Known(backdrop.background, image, changed, needed)
         else:
             known = self._known
             image = known.image.copy()

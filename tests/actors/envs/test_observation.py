@@ -25,7 +25,9 @@ def test_a_state_is_the_episodes_last_frames_the_first_repeated(
     seen: list[int] = []
     for number, restart in enumerate([True, *restarts]):
         frame = np.full((84, 84), number, np.uint8)
-        state = frames.restart(frame) if restart else frames.push(frame)
+        before, kept = frames.state, frames.state.copy()
+        (frames.restart if restart else frames.push)(frame)
         seen = [number] * frame_stack if restart else [*seen, number]
-        assert state.shape == (frame_stack, 84, 84)
-        assert (state == np.array(seen[-frame_stack:], np.uint8)[:, None, None]).all()
+        assert frames.state.shape == (frame_stack, 84, 84)
+        assert (before == kept).all()
+        assert (frames.state == np.array(seen[-frame_stack:], np.uint8)[:, None, None]).all()

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from actors.robots.nao.kinematics import ArmChain, Unreachable
+from actors.robots.nao.kinematics import ArmChain, OutOfReach
 from actors.robots.nao.posture import FINGERTIP_IN_HAND, HELD_ANGLES
 from actors.robots.nao.robot import Nao
 
@@ -47,5 +47,5 @@ def test_reach_finds_angles_within_the_limits(side: str) -> None:
 
 
 def test_a_point_out_of_reach_is_refused() -> None:
-    with pytest.raises(Unreachable, match="mm"):
+    with pytest.raises(OutOfReach, match="mm"):
         ArmChain("L").reach(np.array([0.6, 0.1, 0.3]), START["L"])

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from actors.robots.nao.robot import Nao
 from actors.robots.room.camera import Camera
 from actors.robots.room.furniture import PICTURE_CORNERS, PICTURE_HEIGHT
-from actors.robots.room.sensor import Scene, Sensor
+from actors.robots.room.sensor import Backdrop, Sensor
 from actors.vision.lens import Lens
 from common.run.conditions import PERFECT_CAMERA, CameraConfig, Conditions, PlayConfig
 
@@ -151,7 +151,7 @@ def test_a_grey_picture_has_the_same_tones_and_noise() -> None:
         (slice(0, 240), slice(0, 320)),
     ],
 )
-def test_what_is_known_of_a_scene_saves_time_and_changes_nothing(
+def test_what_is_known_of_a_backdrop_saves_time_and_changes_nothing(
     settings: CameraConfig, window: tuple[slice, slice]
 ) -> None:
     knowing, plain = begun(settings), begun(settings)
@@ -168,12 +168,14 @@ def test_what_is_known_of_a_scene_saves_time_and_changes_nothing(
             picture = background.copy()
             game = picture[rows, columns]
             game[:] = rng.integers(256, size=game.shape, dtype=np.uint8)
-            known = Scene(background, (rows, columns))
+            known = Backdrop(background, (rows, columns))
             assert np.array_equal(knowing.take(picture, 1, known), plain.take(picture, 1))
             assert np.array_equal(picture[rows, columns], game)
 
 
-def test_of_a_known_scene_only_the_window_is_developed(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_before_a_known_backdrop_only_the_window_is_developed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     sensor = begun(CameraConfig(blur=1.0, gamma=1.2))
     sizes = []
     develop = sensor._develop
@@ -186,7 +188,7 @@ def test_of_a_known_scene_only_the_window_is_developed(monkeypatch: pytest.Monke
     monkeypatch.setattr(sensor, "_develop", measured)
     background = object()
     for _ in range(3):
-        sensor.take(grey(100), 1, Scene(background, (slice(100, 120), slice(50, 80))))
+        sensor.take(grey(100), 1, Backdrop(background, (slice(100, 120), slice(50, 80))))
     # The blur reaches 3 pixels: 6 more on each side make 3 right ones.
     assert sizes == [(240, 320), (32, 42), (32, 42)]
 
