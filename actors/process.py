@@ -4,6 +4,7 @@ import secrets
 import socket
 import threading
 import zlib
+from contextlib import ExitStack, closing
 
 import cv2
 import numpy as np
@@ -34,12 +35,7 @@ def join(options: ActorOptions) -> None:
     Raises:
         InputError: the run cannot be joined, or its hub went away for longer than the patience.
     """
-    name = options.name
-    if name is None and options.certificates is not None:
-        name = own_name(options.certificates)
-    name = check_name("actor", name or _default_name())
-    if name == DEMONSTRATIONS:
-        raise InputError(f"{name!r} stands for recorded games: choose another --name.")
+    name = _name_of(options)
     stop = threading.Event()
     on_signals(stop)
     keep_large_blocks()
@@ -64,14 +60,24 @@ def join(options: ActorOptions) -> None:
         member = Member(
             *(name, transport, keys, config, options.patience, stop), check_weights=check
         )
-        entropy = (
-            [config.seed, zlib.crc32(name.encode()), member.incarnation]
-            if options.seed is None
-            else [options.seed]
-        )
-        policy_seed, *seeds = np.random.SeedSequence(entropy).generate_state(1 + options.envs)
+        _play(member, options)
+
+
+def _play(member: Member, options: ActorOptions) -> None:
+    """Play for the run that was joined."""
+    config, run = member.config, member.keys.run
+    entropy = (
+        [config.seed, zlib.crc32(member.name.encode()), member.incarnation]
+        if options.seed is None
+        else [options.seed]
+    )
+    seeds = np.random.SeedSequence(entropy).generate_state(1 + options.envs)
+    policy_seed, *env_seeds = map(int, seeds)
+    with ExitStack() as end:
         envs = [
-            make_env(config, options.clock, training=not options.evaluator)
+            end.enter_context(
+                closing(make_env(config, options.clock, training=not options.evaluator))
+            )
             for _ in range(options.envs)
         ]
         actions = int(envs[0].action_space.n)  # type: ignore[attr-defined]
@@ -88,17 +94,24 @@ def join(options: ActorOptions) -> None:
             # Evaluations explore as in 2017: random actions are redrawn at every step.
             exploration=None if options.evaluator else config.exploration,
         )
-        tell("READY=1", f"STATUS=plays for run {keys.run} at {options.connect}")
-        joined = f"joined run {keys.run} at {options.connect}"
+        tell("READY=1", f"STATUS=plays for run {run} at {options.connect}")
+        joined = f"joined run {run} at {options.connect}"
         member.warn(f"{joined}: plays {config.played}{options.clock}.")
-        try:
-            if options.evaluator:
-                Evaluator(member, envs[0], policy).run(int(seeds[0]))
-            else:
-                Actor(member, envs, policy).run([int(seed) for seed in seeds])
-        finally:
-            for env in envs:
-                env.close()
+        if options.evaluator:
+            Evaluator(member, envs[0], policy).run(env_seeds[0])
+        else:
+            Actor(member, envs, policy).run(env_seeds)
+
+
+def _name_of(options: ActorOptions) -> str:
+    """Returns the name of this process. Raises InputError if it cannot have the given one."""
+    name = options.name
+    if name is None and options.certificates is not None:
+        name = own_name(options.certificates)
+    name = check_name("actor", name or _default_name())
+    if name == DEMONSTRATIONS:
+        raise InputError(f"{name!r} stands for recorded games: choose another --name.")
+    return name
 
 
 def _default_name() -> str:

@@ -8,14 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from actors.envs.frame_camera import FrameCamera
-from actors.envs.game import DEFAULT_PLAY, AtariGame
+from actors.envs.game import AtariGame
 from actors.envs.game_env import GameEnv
 from actors.envs.observation import Observation, shrink
 from actors.envs.step_info import StepInfo
 from actors.envs.world import World
 from actors.robots.latency_model.model import LatencyModel
 from common.run.clock import ClockConfig
-from common.run.conditions import PERFECT_CAMERA, CameraConfig, PlayConfig
+from common.run.conditions import DEFAULT_PLAY, PERFECT_CAMERA, CameraConfig, PlayConfig
 from common.run.config import RunConfig
 from common.run.ranges import NOTHING_DRAWN, RandomiseConfig
 

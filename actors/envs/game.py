@@ -15,9 +15,6 @@ from actors.envs.emulator import Emulator
 from common.run.conditions import PERFECT_CAMERA, CameraConfig, Conditions, PlayConfig
 from common.run.ranges import NOTHING_DRAWN, RandomiseConfig, draw
 
-DEFAULT_PLAY = PlayConfig()
-"""The 2017 settings (README.md), the default of both environments."""
-
 
 class AtariGame:
     """One console on which game after game is played.

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from actors.envs.clock import Lockstep, RealTime
-from actors.envs.game import DEFAULT_PLAY, AtariGame
+from actors.envs.game import AtariGame
 from actors.envs.game_env import GameEnv
 from actors.envs.observation import Observation, shrink
 from actors.envs.step_info import StepInfo
@@ -22,7 +22,7 @@ from actors.vision.screen_detector import Detection, ScreenDetector, is_blank
 from common.protocol.step_fields import FRAME_SHAPE
 from common.registry import ROBOTS
 from common.run.clock import ClockConfig
-from common.run.conditions import PERFECT_CAMERA, CameraConfig, PlayConfig
+from common.run.conditions import DEFAULT_PLAY, PERFECT_CAMERA, CameraConfig, PlayConfig
 from common.run.config import RunConfig
 from common.run.ranges import NOTHING_DRAWN, RandomiseConfig
 

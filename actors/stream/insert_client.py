@@ -90,7 +90,7 @@ class InsertClient:
             self._member.warn(f"the replay gave a malformed reply: {error}")
         self._look_for_hub()
         if answer is None:
-            time.sleep(_PAUSE)
+            self._member.stop.wait(_PAUSE)
         return answer
 
     def _look_for_hub(self) -> None:

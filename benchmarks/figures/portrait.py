@@ -15,12 +15,12 @@ import numpy as np
 import tyro
 from numpy.typing import NDArray
 
-from actors.envs.game import DEFAULT_PLAY
 from actors.envs.robot import RobotEnv
 from common.actions import Keys, action_of_keys
 from common.checked import Count, FromOne
 from common.errors import InputError, exit_on_input_error
 from common.process.command_line import parse
+from common.run.conditions import DEFAULT_PLAY
 from viewer import overlay
 from viewer.picture import write_picture
 

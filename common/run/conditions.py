@@ -162,6 +162,7 @@ class CameraConfig:
     """Tilt of the screen's upper edge away from the robot, degrees."""
 
 
+DEFAULT_PLAY = PlayConfig()
 PERFECT_CAMERA = CameraConfig()
 """A camera without faults, at its usual place."""
 

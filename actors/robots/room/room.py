@@ -27,6 +27,7 @@ from actors.robots.room.still_view import StillView
 from actors.robots.room.viewpoint import Viewpoint, Views
 from common.actions import Keys
 from common.run.conditions import (
+    DEFAULT_PLAY,
     FRAMES_PER_SECOND,
     PERFECT_CAMERA,
     CameraConfig,
@@ -45,9 +46,6 @@ _SOLVER_ITERATIONS = 4
 # that a fingertip at 1.2 m/s covers in a step. Otherwise it penetrates before the contact is found.
 _CONTACT_DISTANCE = 0.6
 _FINGERTIPS, _SOLID = 1, 2
-
-USUAL_PLAY = PlayConfig()
-"""Usual settings of arms and keys."""
 
 
 class Room(ABC):
@@ -69,7 +67,7 @@ class Room(ABC):
         self,
         game_size: tuple[int, int] = (210, 160),
         camera: CameraConfig = PERFECT_CAMERA,
-        play: PlayConfig = USUAL_PLAY,
+        play: PlayConfig = DEFAULT_PLAY,
     ) -> None:
         """``play`` says how fast the arms are and how far a key must go down to count."""
         self._game_size = game_size
