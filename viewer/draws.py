@@ -2,7 +2,6 @@
 them."""
 
 import threading
-from contextlib import closing
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated
@@ -12,20 +11,18 @@ import numpy as np
 import tyro
 from numpy.typing import NDArray
 
-from actors.envs import make_env
 from actors.envs.game_env import GameEnv
 from actors.envs.robot import RobotEnv
 from actors.loop import frames_and_vector
 from actors.vision.layout import border_of
 from common.checked import FromOne
 from common.errors import InputError
-from common.registry import ENVIRONMENTS
 from common.run.conditions import Conditions
 from common.run.config import RunConfig
 from common.run.ranges import RandomiseConfig, all_ranges
 from viewer import overlay
 from viewer.picture import write_picture
-from viewer.player import Played
+from viewer.player import Played, shown_env
 
 _WIDTH, _HEIGHT = 480, 360
 """Size of the picture of one game, pixels."""
@@ -71,10 +68,7 @@ def games(config: RunConfig, count: int, stop: threading.Event) -> list[NDArray[
     """Returns a tile for each of ``count`` games, fewer if ``stop`` is set. Raises InputError if
     the environment is neither a robot nor an emulator."""
     tiles: list[NDArray[np.uint8]] = []
-    with closing(make_env(config, training=False)) as env:
-        if not isinstance(env, GameEnv):
-            known = " or ".join(ENVIRONMENTS.names)
-            raise InputError(f"{config.env} has no conditions to draw: choose --env {known}.")
+    with shown_env(config) as env:
         for number in range(count):
             if stop.is_set():
                 break

@@ -4,13 +4,16 @@ import threading
 from pathlib import Path
 
 import cv2
+import gymnasium
 import numpy as np
 import pytest
 
 from common.errors import InputError
 from common.process.command_line import parse
+from common.registry import ENVIRONMENTS, Environment
 from common.run.conditions import PERFECT_CAMERA, CameraConfig, Conditions, PlayConfig
 from common.run.ranges import RandomiseConfig, all_ranges
+from tests.extending.whole_run import added
 from viewer.__main__ import COMMANDS
 from viewer.draws import Draws, sheet, told
 
@@ -41,6 +44,12 @@ def test_what_means_nothing_to_the_emulator_is_refused(tmp_path: Path) -> None:
     turned = Draws(env="ale", randomise=RandomiseConfig(head_pose=3.0), output=tmp_path / "d.png")
     with pytest.raises(InputError, match=r"^randomise.head_pose is 3.0, which means nothing"):
         turned.run(threading.Event())
+
+
+def test_an_environment_that_cannot_be_shown_is_refused(tmp_path: Path) -> None:
+    other = Environment("other", lambda *_, **__: gymnasium.Env(), lambda _: 3)
+    with added(ENVIRONMENTS, other), pytest.raises(InputError, match="only robots and emulators"):
+        Draws(env="other", output=tmp_path / "d.png").run(threading.Event())
 
 
 def test_a_stop_ends_it_early(tmp_path: Path) -> None:
