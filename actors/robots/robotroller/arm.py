@@ -24,6 +24,7 @@ from actors.robots.robotroller.joystick import (
 from actors.robots.robotroller.published import NO_LOAD_SPEED, STALL_TORQUE, turned
 from actors.robots.room.body import Limbs
 from actors.robots.room.engine import fixed_body
+from actors.robots.room.room import PHYSICS_RATE
 from actors.robots.room.rotation import Vector
 from actors.robots.room.shapes import ALONG_X, ALONG_Y, Colour, Shape, ball, rod
 from actors.robots.room.urdf import Joint, Part, weighed, write_urdf
@@ -124,7 +125,7 @@ _GOALS = {Keys(bits): _goals(Keys(bits)) for bits in range(32)}
 # The servo's own controller gives the full voltage down to this error. The engine's motor corrects
 # the share `positionGain` of the error in each physics step, limited by its speed.
 _FULL_VOLTAGE_ERROR = published.FULL_PWM / published.POSITION_GAIN * 2 * math.pi / published.TICKS
-_POSITION_GAIN = NO_LOAD_SPEED / 240 / _FULL_VOLTAGE_ERROR
+_POSITION_GAIN = NO_LOAD_SPEED / PHYSICS_RATE / _FULL_VOLTAGE_ERROR
 
 
 def _servo(middle: Vector, edges: Vector) -> tuple[Shape, float]:
