@@ -13,12 +13,13 @@ from rich.console import Console
 from actors.envs import make_env
 from actors.envs.observation import Observation
 from actors.loop import frames_and_vector
+from actors.policy import Policy
 from common.errors import InputError
 from common.run.clock import ClockConfig
 from common.run.origin import find_weights, origin_of
 from learner.evaluation import offline
 from learner.evaluation.options import EvaluationOptions
-from viewer.player import Played, ShownPolicy
+from viewer.player import Played
 
 
 class TrainedPolicy:
@@ -36,7 +37,7 @@ class TrainedPolicy:
     def __init__(self, weights: str | Path, *, epsilon: float = 0.0, seed: int = 1) -> None:
         self.weights = find_weights(weights)
         self.config = Played().config(self.weights)
-        self._policy = ShownPolicy.of_file(self.config, self.weights, epsilon, seed)
+        self._policy = Policy.of_file(self.config, self.weights, epsilon, seed)
 
     def make_env(self) -> gymnasium.Env[Any, Any]:
         """Returns an environment with the settings of its training, whose episodes are whole
@@ -49,7 +50,8 @@ class TrainedPolicy:
 
     def q_values(self, observation: Observation) -> NDArray[np.float32]:
         """Returns the value of each action, ``float32 [actions]``."""
-        return self._policy.values_of(*self._batch(observation))
+        values: NDArray[np.float32] = self._policy.q_values(*self._batch(observation))[0]
+        return values
 
     @staticmethod
     def _batch(observation: Observation) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:

@@ -107,11 +107,5 @@ class ShownPolicy(Policy):
     def act(self, frames: NDArray[np.uint8], vectors: NDArray[np.float32]) -> NDArray[np.int64]:
         """Acts as `Policy.act` does, for one environment."""
         if self.epsilon < 1.0:
-            self.values = self.values_of(frames, vectors)
+            self.values = self.q_values(frames, vectors)[0]
         return super().act(frames, vectors)
-
-    def values_of(
-        self, frames: NDArray[np.uint8], vectors: NDArray[np.float32]
-    ) -> NDArray[np.float32]:
-        """Returns the values of the first state's actions, ``float32 [actions]``."""
-        return np.asarray(self.q_values(frames, vectors)[0])
