@@ -40,10 +40,8 @@ class LatencyEqualiser:
     def __init__(
         self, hands: Hands, latency: int, give: Callable[[int], None] = lambda ago: None
     ) -> None:
-        """Args:
-        give: is told, before each command that the hands get, how many emulator frames ago the
-            agent gave it.
-        """
+        """``give`` is told, before each command that the hands get, how many emulator frames ago
+        the agent gave it."""
         self._hands = hands
         self._latency = latency
         self._give = give
