@@ -68,7 +68,7 @@ class ActorCounters:
         self._looks.append((now, self.stats.steps, self.held_seconds, worked))
         while now - self._looks[0][0] > WINDOW:
             self._looks.popleft()
-        then, steps, held, idle = self._looks[0]
+        then, steps, held, worked_then = self._looks[0]
         seconds = max(now - then, 1e-6)
         share = min((self.held_seconds - held) / seconds, 1.0)
-        return (self.stats.steps - steps) / seconds, share, (worked - idle) / seconds
+        return (self.stats.steps - steps) / seconds, share, (worked - worked_then) / seconds
