@@ -152,33 +152,29 @@ class RobotEnv(GameEnv):
 
     def step(self, action: np.int64 | int) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Send the hands to the action's keys, and let time pass."""
-        agent_steps = self._clock.command(self._game.action(action))
-        missed = len(agent_steps)
-        photographed = 0
-        while not agent_steps or not agent_steps[-1].ended:
-            agent_steps += self._clock.pass_agent_step()
-            if self._obeyed(agent_steps[-1]) or len(agent_steps) - missed >= self._most_agent_steps:
-                break
-            if self._needs_each_picture:
-                with self._clock.still():
-                    self._photograph(len(agent_steps) - photographed)
-                photographed = len(agent_steps)
-        last = agent_steps[-1]
-        # Unless the agent waits, the command is for one agent step, and those after it are missed.
-        obeying = agent_steps[missed : None if self.clock.wait_action else missed + 1]
-        kept = sum(not agent_step.late for agent_step in obeying)
+        # Time passes only while the clock waits, so that all that is told is of the step's end.
         with self._clock.still():
+            agent_steps = self._clock.command(self._game.action(action))
+            missed = len(agent_steps)
+            photographed = 0
+            while not agent_steps or not agent_steps[-1].ended:
+                agent_steps += self._clock.pass_agent_step()
+                waited = len(agent_steps) - missed
+                if self._obeyed(agent_steps[-1]) or waited >= self._most_agent_steps:
+                    break
+                if self._needs_each_picture:
+                    self._photograph(len(agent_steps) - photographed)
+                    photographed = len(agent_steps)
+            last = agent_steps[-1]
+            # Unless the agent waits, the command is for one agent step, and later ones are missed.
+            obeying = agent_steps[missed : None if self.clock.wait_action else missed + 1]
+            kept = sum(not agent_step.late for agent_step in obeying)
             self._photograph(len(agent_steps) - photographed)
             self._look()
             self._frames.push(self.detection.frame)
             info = self._info(agent_steps, len(agent_steps) - kept, self._world.key_watch.take())
-            return (
-                self._observation(),
-                self._reward(agent_steps),
-                last.terminated,
-                last.truncated,
-                info,
-            )
+            reward = self._reward(agent_steps)
+            return self._observation(), reward, last.terminated, last.truncated, info
 
     def render(self) -> NDArray[np.uint8] | None:
         """Returns the room from outside, ``uint8 [480, 640, 3]``; None unless render_mode is

@@ -3,20 +3,23 @@
 import math
 import multiprocessing
 import os
+import threading
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from actors.envs.clock import Lockstep
+from actors.envs.clock import Lockstep, RealTime
 from actors.envs.robot import RobotEnv
 from actors.envs.world import AgentStep
 from common.actions import KEYS_OF_ACTION, Keys
 from common.run.clock import ClockConfig
 from common.run.conditions import PlayConfig
 from tests.actors.envs.narrowed import nao_of
+from tests.patience import PATIENCE
 
 WAITING = ClockConfig(wait_action=True)
 PLAY = PlayConfig(random_starts=0)
@@ -244,6 +247,39 @@ def test_an_agent_that_thinks_too_long_misses_agent_steps_and_is_told() -> None:
     # The agent step that obeys counts too where the machine began one of its frames too late.
     assert info["elapsed"] >= info["missed_deadlines"] + (info["late_frames"] == 0)
     assert info["game_steps"] >= steps + 5
+    env.close()
+
+
+class Outrun(RealTime):
+    """The agent loses the processor, until the game is over, as soon as the world need not wait."""
+
+    def pass_agent_step(self) -> list[AgentStep]:
+        passed = super().pass_agent_step()
+        overtaking = threading.Thread(target=self._overtake)
+        overtaking.start()
+        overtaking.join()
+        return passed
+
+    def _overtake(self) -> None:
+        if self._changed.acquire(blocking=False):
+            while self._running and self._failure is None:
+                self._changed.wait(PATIENCE)
+            self._changed.release()
+
+
+def test_a_world_that_overtakes_the_agent_ends_no_game_twice(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("actors.envs.robot.RealTime", Outrun)
+    play = replace(PLAY, eye="emulator", max_game_frames=24)
+    env = RobotEnv(play=play, clock=ClockConfig(sync=False))
+    env.reset(seed=1)
+    elapsed, truncated = 0, False
+    while not truncated:
+        *_, truncated, info = env.step(0)
+        elapsed += info["elapsed"]
+        assert (info["game_over"], info["game_steps"]) == (truncated, elapsed)
+    assert elapsed == 6
     env.close()
 
 
