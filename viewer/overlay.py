@@ -103,7 +103,7 @@ def action_sign(
     centre: tuple[int, int],
     action: int,
     colour: Colour,
-    scale: float = 1.0,
+    scale: float,
 ) -> None:
     """Draws an action: an arrow, a red dot beside it for fire, or a dash for no key.
 

@@ -28,6 +28,8 @@ _DARKS = (_DARK, 0.6, 0.75)
 other objects."""
 _MIN_CONTRAST = 30.0
 """Minimum difference between black and light, in grey levels."""
+_BESIDE = 32
+"""Places inside each side of the edge, and as many outside, that should be dark and light."""
 _BESIDE_RIGHT = 0.7
 _SIDE_RIGHT = 0.4
 """Minimum share of the whole edge, and of each side, that is dark inside and light outside; arms
@@ -201,14 +203,14 @@ def _is_picture_shaped(homography: NDArray[np.float64], width: int, height: int)
     return bool(abs(wide / tall / ASPECT - 1) < _ASPECT_ERROR and skew < _SKEW)
 
 
-def _beside_edge(count: int = 32) -> NDArray[np.float32]:
+def _beside_edge() -> NDArray[np.float32]:
     """Returns places in the projected picture, ``[2, places, 2]``: along the middle of the black
     border, and as many just outside it."""
     middle = float(GAME_IN_PICTURE[0, 0]) / 2
     rings = []
     for low in (middle, -middle / 2):
-        along = np.linspace(low, 1 - low, count)
-        fixed = np.full(count, low)
+        along = np.linspace(low, 1 - low, _BESIDE)
+        fixed = np.full(_BESIDE, low)
         sides = [(along, fixed), (fixed, along), (along, 1 - fixed), (1 - fixed, along)]
         rings.append(np.concatenate([np.stack(side, axis=1) for side in sides]))
     return np.asarray(rings, np.float32)

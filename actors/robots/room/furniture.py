@@ -49,7 +49,7 @@ Box = tuple[Vector, Vector, Colour]
 class Furniture:
     """The furniture in a physics client; ``more`` is what one kind of robot adds to it."""
 
-    def __init__(self, engine: Any, more: Sequence[Box] = ()) -> None:
+    def __init__(self, engine: Any, more: Sequence[Box]) -> None:
         self._engine = engine
         # Every body costs time at every physics step, so static boxes share one.
         surroundings = _stand(engine, [*_ROOM, *more, *_PROJECTOR])
