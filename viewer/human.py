@@ -32,7 +32,6 @@ from common.process.extras import check_extra
 from common.registry import ENVIRONMENTS
 from common.run.clock import ClockConfig
 from viewer.player import Played
-from viewer.record import told
 from viewer.recorder import Recorder, check_new_folder
 from viewer.terminal.half_blocks import HalfBlocks
 from viewer.terminal.held_keys import HeldKeys
@@ -104,7 +103,7 @@ class Human(Played):
         for number, score in enumerate(scores, 1):
             print(f"game {number}: score {score:g}")
         if recorder is not None:
-            print(told(recorder))
+            print(recorder.summary)
 
 
 class _Seat:

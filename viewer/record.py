@@ -76,12 +76,4 @@ class Record(Played):
                     print(f"game {games}: score {score:g}", flush=True)
                 if done >= total or stop.is_set():
                     break
-        print(told(recorder))
-
-
-def told(recorder: Recorder) -> str:
-    """Returns a line that sums up a closed recording."""
-    dataset = recorder.dataset
-    games = "1 game" if dataset.episodes == 1 else f"{dataset.episodes:,} games"
-    cut = ", cut at the end," if recorder.was_cut else ""
-    return f"wrote {games} of {dataset.steps:,} steps{cut} to {dataset.folder}"
+        print(recorder.summary)

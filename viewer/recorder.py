@@ -72,13 +72,20 @@ class Recorder(gymnasium.Wrapper[Any, Any, Any, Any]):
         self._film: Add
         self._filming = ExitStack()
         self._seen: _Seen = {}, None
-        self.was_cut = False
-        """Whether it was closed before its last game ended."""
+        self._was_cut = False
 
     @property
     def steps(self) -> int:
         """Number of recorded steps, including those of the present game."""
         return self.dataset.steps + len(self._rows)
+
+    @property
+    def summary(self) -> str:
+        """A line for people that sums up the closed recording."""
+        dataset = self.dataset
+        games = "1 game" if dataset.episodes == 1 else f"{dataset.episodes:,} games"
+        cut = ", cut at the end," if self._was_cut else ""
+        return f"wrote {games} of {dataset.steps:,} steps{cut} to {dataset.folder}"
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
         self._seen = self._look()
@@ -128,7 +135,7 @@ class Recorder(gymnasium.Wrapper[Any, Any, Any, Any]):
     def close(self) -> None:
         """Keeps the present game as far as it goes, and closes the environment; a recording without
         any game leaves nothing."""
-        self.was_cut = bool(self._rows)
+        self._was_cut = bool(self._rows)
         try:
             self.cut()
         finally:
