@@ -7,6 +7,7 @@ from ale_robot.environments import env_id
 from common.minus import minus_signed
 from common.press_latency import ms_of
 from common.process.extras import extra_for
+from common.registry import ENVIRONMENTS
 from common.run.config import RunConfig
 from viewer.policies import Grid, evaluation_rows
 
@@ -48,7 +49,8 @@ def model_card(name: str, card: Mapping[str, Any], config: RunConfig, repository
     """
     with extra_for("a model hub", "hub"):
         from huggingface_hub import EvalResult, ModelCardData
-    play, identity = config.play, env_id(config.game, robot=config.env == "robot")
+    play, env = config.play, ENVIRONMENTS.find(config.env)
+    identity = env_id(config.game, robot=env.robot) if env.atari else env.name
     rows = [
         (row["epsilon"], row["sticky"], f"{row['mean']:.2f} ± {row['deviation']:.2f}", row)
         for row in evaluation_rows(card)
@@ -81,8 +83,8 @@ def model_card(name: str, card: Mapping[str, Any], config: RunConfig, repository
     )
     text = _TEXT.format(
         name=name,
-        game=config.game.replace("_", " ").title(),
-        how="a robot's camera and hands" if config.env == "robot" else "the emulator alone",
+        game=config.task.replace("_", " ").title(),
+        how="a robot's camera and hands" if env.robot else "its own frames, without a body",
         input=f"the last {play.frame_stack} frames of 84×84 pixels"
         + (", its commands, keys and joints" if play.vector else ""),
         actions="the game's own actions" if play.minimal_actions else "all 18 actions",

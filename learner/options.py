@@ -198,9 +198,11 @@ def opening(options: LearnerOptions) -> str | None:
 
 def run_name(options: LearnerOptions) -> str:
     """Returns the given name of the run, or one made of environment, game and preset."""
+    if options.run is not None:
+        return options.run
     config = options.config
-    usual = f"{config.env}-{config.game}-{config.preset}".replace("_", "-")
-    return usual if options.run is None else options.run
+    task = () if config.task == config.env else (config.task,)
+    return "-".join((config.env, *task, config.preset)).replace("_", "-")
 
 
 def stored_config(options: LearnerOptions) -> RunConfig | None:

@@ -94,9 +94,10 @@ class Report:
         words = f"run {self.run} at {self.endpoint}"
         if learner is not None:
             values = {key: learner.values.get(key) for key in METRICS}
+            atari = values["run/game"] != values["run/env"]
             words += fill(
-                ": {run/game} ({run/env}), preset {run/preset}, {run/phase}, epoch {run/epoch}, "
-                "{run/agent_steps} steps",
+                (": {run/game} ({run/env})" if atari else ": {run/env}")
+                + ", preset {run/preset}, {run/phase}, epoch {run/epoch}, {run/agent_steps} steps",
                 values,
             )
         console.print(one_line(words))

@@ -84,7 +84,7 @@ class DatasetWriter:
 
     @property
     def _task(self) -> str:
-        return f"Play {self._config.game}."
+        return f"Play {self._config.task}."
 
     def add(
         self, rows: Mapping[str, NDArray[Any]], pictures: Sequence[NDArray[np.uint8]] = ()

@@ -204,9 +204,14 @@ class RunConfig:
     protocol: ProtocolConfig = field(default_factory=ProtocolConfig)
 
     @property
+    def task(self) -> str:
+        """What is played: the Atari game, or the environment itself if it has none."""
+        return self.game if ENVIRONMENTS.find(self.env).atari else self.env
+
+    @property
     def played(self) -> str:
-        """What is played, for people: "pong (robot)", or an environment without Atari games."""
-        return f"{self.game} ({self.env})" if ENVIRONMENTS.find(self.env).atari else self.env
+        """What is played by whom, for people: "pong (robot)", or "catch"."""
+        return self.env if self.task == self.env else f"{self.task} ({self.env})"
 
     @property
     def samples_per_insert(self) -> float:

@@ -144,7 +144,7 @@ class Telemetry:
         values: dict[str, Value] = {
             "run/preset": config.preset,
             "run/env": config.env,
-            "run/game": config.game,
+            "run/game": config.task,
             "run/seed": config.seed,
             "stream/samples_per_insert_goal": config.samples_per_insert,
             "stream/capacity": config.replay.capacity,

@@ -1,5 +1,6 @@
 """Another environment: a class, and its entry in the registry."""
 
+import io
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -8,6 +9,7 @@ import gymnasium
 import numpy as np
 import pytest
 from annotated_types import Ge, Le
+from rich.console import Console
 
 from actors.envs.step_info import StepInfo
 from common.errors import InputError
@@ -17,7 +19,12 @@ from common.run.conditions import PlayConfig
 from common.run.config import RunConfig, StreamConfig
 from common.run.own_settings import own_settings
 from common.run.presets import PRESETS
+from learner.options import LearnerOptions, run_name
+from learner.telemetry.sinks.screen import Screen
+from learner.telemetry.snapshot import Snapshot
+from learner.telemetry.web.figures import figures
 from tests.extending.whole_run import added, learned
+from tests.learner.telemetry.snapshots import snapshot
 
 GAME_STEPS = 10
 
@@ -72,7 +79,6 @@ _FAST = PRESETS["fast"]
 CONFIG = replace(
     _FAST,
     env="lamps",
-    game="lamps",
     stream=StreamConfig(chunk_steps=16, window=2),
     replay=replace(_FAST.replay, capacity=5_000, learning_starts=64, ratio_tolerance=64),
     learning=replace(_FAST.learning, batch_size=4, train_period=8, publish_period=1),
@@ -91,7 +97,7 @@ LAMPS = Environment(
 def test_an_environment_from_outside_is_learned(tmp_path: Path) -> None:
     with added(ENVIRONMENTS, LAMPS):
         summary, policy = learned(CONFIG, tmp_path, steps=240)
-    assert summary["env"] == "lamps"
+    assert (summary["env"], summary["game"]) == ("lamps", "lamps")
     assert summary["agent_steps"] >= 240
     assert summary["updates"] > 0
     assert summary["games"] >= 10
@@ -100,10 +106,29 @@ def test_an_environment_from_outside_is_learned(tmp_path: Path) -> None:
     assert 1 < summary["random_reward"] < 6
 
 
-def test_it_is_announced_by_its_own_name() -> None:
+def test_it_goes_by_its_own_name() -> None:
     with added(ENVIRONMENTS, LAMPS):
-        assert replace(CONFIG, game="pong").played == "lamps"
-    assert replace(PRESETS["robot"], game="space_invaders").played == "space_invaders (robot)"
+        assert (CONFIG.task, CONFIG.played) == ("lamps", "lamps")
+        assert run_name(LearnerOptions(config=CONFIG)) == "lamps-fast"
+    robot = replace(PRESETS["robot"], game="space_invaders")
+    assert (robot.task, robot.played) == ("space_invaders", "space_invaders (robot)")
+    assert run_name(LearnerOptions(config=robot)) == "robot-space-invaders-robot"
+
+
+def test_pages_and_screens_name_no_game_of_it() -> None:
+    told = snapshot({"run/env": "lamps", "run/game": "lamps"})
+    pong = snapshot({"run/env": "ale", "run/game": "pong"})
+    with added(ENVIRONMENTS, LAMPS):
+        assert shown(told).startswith("Lamps  run pong-1")
+        assert (figures(told)["run"]["env"], figures(told)["run"]["game"]) == ("Lamps", "")
+    assert shown(pong).startswith("ALE-Only  pong  run pong-1")
+    assert figures(pong)["run"]["game"] == "pong"
+
+
+def shown(told: Snapshot) -> str:
+    out = io.StringIO()
+    Console(file=out, width=120, height=24).print(Screen(told))
+    return out.getvalue().strip()
 
 
 def test_an_environment_has_settings_of_its_own(tmp_path: Path) -> None:

@@ -120,6 +120,14 @@ def shown(report: Report, width: int = 120) -> str:
     return out.getvalue()
 
 
+@pytest.mark.parametrize(
+    ("env", "game", "told"), [("robot", "pong", "pong (robot)"), ("lamps", "lamps", "lamps")]
+)
+def test_it_tells_what_is_played(client: Transport, env: str, game: str, told: str) -> None:
+    StatusSink(client, KEYS).write(snapshot({"run/env": env, "run/game": game}))
+    assert f": {told}, preset fast" in shown(ask(client, KEYS, "tcp/here"))
+
+
 def test_no_process_can_steer_the_terminal_of_who_asks(client: Transport) -> None:
     wicked = "\x1b]0;mine\x07\x9b2J\n"
     actor = ActorView(stats=ActorStats("a-1", "actor", version=wicked), alive=True)

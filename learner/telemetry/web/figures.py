@@ -31,7 +31,8 @@ def figures(snapshot: Snapshot) -> dict[str, Any]:
         "run": {
             "name": values["run/run"],
             "env": env.title or env.name,
-            **{key: values[f"run/{key}"] for key in ("game", "preset", "phase")},
+            "game": values["run/game"] if env.atari else "",
+            **{key: values[f"run/{key}"] for key in ("preset", "phase")},
             "device": formats.hardware(values),
             "join": values.get("run/join"),
             "robot": env.robot,

@@ -46,7 +46,7 @@ async function watchRun() {
 
 function show(state) {
   const {run} = state;
-  document.title = `${run.name} · ${run.game} · ALE-Robot`;
+  document.title = `${run.name} · ${run.game || run.env} · ALE-Robot`;
   text("env", run.env);
   text("game", run.game);
   text("about", `run ${run.name} · ${run.preset} preset · ${run.device}`);
