@@ -40,7 +40,8 @@ class Policies:
                 mean, worst = (minus_signed(f"{each:.1f}") for each in (grid.mean, grid.worst))
                 scores[name][f"{grid.worlds} worlds"] = f"{mean}/{worst}"
         chances = list(dict.fromkeys(chance for row in scores.values() for chance in row))
-        columns = [Column(each, justify="right") for each in chances]
+        # Headings of two lines leave room for long names at 80 columns.
+        columns = [Column(each.replace(" ", "\n"), justify="right") for each in chances]
         texts = (Column(each, no_wrap=True) for each in ("policy", "game", "env", "input"))
         table = Table(*texts, *columns, box=box.SIMPLE, padding=0, show_edge=False)
         for name, card in cards.items():
