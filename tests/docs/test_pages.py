@@ -1,6 +1,7 @@
 """Pages lead where they say, and settings are all told, as the code has them."""
 
 import dataclasses
+import json
 import re
 from collections.abc import Mapping
 from functools import cache
@@ -23,6 +24,7 @@ PAGES = sorted(page for folder in FOLDERS for page in folder.glob("*.md"))
 LINK = re.compile(r"\]\((?P<path>[^)\s#]*)(?:#(?P<anchor>[^)\s]*))?\)")
 OUTSIDE = ("http://", "https://", "mailto:")
 README_WORDS = 1_200
+CARDS = sorted((ROOT / "policies").glob("*.json"))
 
 
 def prose(page: Path) -> str:
@@ -72,6 +74,23 @@ def test_the_site_has_every_page() -> None:
 
 def test_the_readme_is_read_in_five_minutes() -> None:
     assert len((ROOT / "README.md").read_text(encoding="utf-8").split()) <= README_WORDS
+
+
+def test_the_page_of_environments_has_every_published_policy() -> None:
+    told = set(LINK.findall(prose(ROOT / "docs" / "environments.md")))
+    assert CARDS
+    assert {(f"../policies/{card.name}", "") for card in CARDS} <= told
+
+
+@pytest.mark.parametrize("policy", [card.stem for card in CARDS if "pong" in card.stem])
+def test_scores_of_pong_policies_are_those_of_their_cards(policy: str) -> None:
+    card = json.loads((ROOT / "policies" / f"{policy}.json").read_text(encoding="utf-8"))
+    scores = [f"{row['mean']:.2f} ± {row['deviation']:.2f}" for row in card["evaluation"]["rows"]]
+    page = (ROOT / "docs" / "results.md").read_text(encoding="utf-8")
+    rows = page[page.index("## The published policies") :].splitlines()
+    first = next(n for n, row in enumerate(rows) if row.startswith(f"| `{policy}`"))
+    told = [row.split("|")[4].strip() for row in rows[first : first + len(scores)]]
+    assert told == scores
 
 
 def test_the_settings_page_is_that_of_the_code() -> None:
