@@ -10,6 +10,9 @@ HORIZON = 500
 EVERY = 10
 """Interval between measured updates; measuring each one would cost a thirtieth of an update."""
 
+_ROUNDING = 1e-5
+"""Share of the mean square below which a variance in ``float32`` is nothing but rounding."""
+
 
 class RunningMeans:
     """Exponential means, kept on the device so that no update waits for its figures."""
@@ -50,14 +53,15 @@ class RunningMeans:
 
         The relative TD error is the mean of δ², divided by the variance of the targets in the same
         samples: the share of that variance that the values leave unexplained. A network that
-        answers the same to all that it sees has 1 or more. It is unknown if the variance is 0.
+        answers the same to all that it sees has 1 or more. It is unknown if the targets do not vary.
         """
         if self._sums is None:
             return {}
         means = dict(zip(self._names, (self._sums / self._weight).tolist(), strict=True))
         target, square = means.pop("target"), means.pop("target_squared")
-        variance = max(square - target * target, 0.0)
-        error = means["td_error_squared"] / variance if variance else None
+        variance = square - target * target
+        varies = variance > _ROUNDING * square
+        error = means["td_error_squared"] / variance if varies else None
         return {
             "learning/relative_td_error": error,
             **{f"learning/{name}": mean for name, mean in means.items()},

@@ -47,9 +47,13 @@ def test_means_weigh_the_latest_most() -> None:
     assert means.values() == pytest.approx(expected, rel=1e-4)
 
 
-def test_targets_that_do_not_vary_say_nothing() -> None:
-    means = RunningMeans()
-    means.add(random_batch(seed=1), updated(1.0, torch.ones(8), torch.full((8,), 0.5)))
+@pytest.mark.parametrize("target", [0.0, 0.5, 0.1, 0.3, -0.99, 3.3, 77.7])
+def test_targets_that_do_not_vary_say_nothing(target: float) -> None:
+    """Nor does what is left of their squares by rounding, which may be negative."""
+    means, batch = RunningMeans(), random_batch(seed=1)
+    told = updated(1.0, torch.ones(8), torch.full((8,), target))
+    for _ in range(50 * EVERY):
+        means.add(batch, told)
     assert means.values()["learning/relative_td_error"] is None
 
 
