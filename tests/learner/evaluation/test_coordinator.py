@@ -119,6 +119,22 @@ def test_a_test_whose_snapshot_was_removed_holds_up_no_other(
     assert (tests.ask("f").epoch, tests.coordinator.pending) == (2, 1)
 
 
+def test_a_missing_snapshot_takes_no_other_test_from_its_evaluator(tmp_path: Path) -> None:
+    tests = Place(tmp_path, "e", "f", "g")
+    for epoch in (1, 2):
+        tests.coordinator.add(epoch_test(epoch), b"w")
+    played = {tests.ask(name).epoch for name in "efg"}
+    assert played == {1}
+    tests.coordinator.snapshots.file(2).unlink()
+    tests.present |= {"h"}
+    assert tests.ask("h").kind == "wait"
+    assert all(tests.report(name, 1, 34, [1.0], done=True) for name in "efg")
+    done = tests.coordinator.take_finished()
+    assert done is not None
+    assert (done.epoch, done.steps) == (1, 102)
+    assert tests.coordinator.pending == 0
+
+
 def test_while_a_test_is_pending_nobody_is_sent_home(tmp_path: Path) -> None:
     tests = Place(tmp_path, "e", "f")
     tests.coordinator.add(epoch_test(1), b"w")
