@@ -11,13 +11,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from actors.envs.clock import Lockstep, RealTime
 from actors.envs.robot import RobotEnv
 from actors.envs.world import AgentStep
 from common.actions import KEYS_OF_ACTION, Keys
 from common.run.clock import ClockConfig
-from common.run.conditions import PlayConfig
+from common.run.conditions import CameraConfig, PlayConfig
 from tests.actors.envs.narrowed import nao_of
 from tests.patience import PATIENCE
 
@@ -101,6 +102,26 @@ def test_an_episodes_end_ends_the_wait(patient: RobotEnv, end: str) -> None:
     assert (terminated, truncated) == (end == "terminated", end == "truncated")
     assert (info["elapsed"], info["gave_up"]) == (2, False)
     assert reward == pytest.approx(1.0 * GAMMA)
+
+
+def test_each_picture_of_a_wait_is_told_the_agent_steps_since_the_one_before(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """If told more, a late camera would show what it saw less long ago."""
+    env = RobotEnv(play=PLAY, clock=WAITING, camera=CameraConfig(latency=1))
+    env.reset(seed=0)
+    told: list[int] = []
+    picture = env.robot.camera_picture
+
+    def recorded(screen: NDArray[np.uint8], agent_steps: int) -> NDArray[np.uint8]:
+        told.append(agent_steps)
+        return picture(screen, agent_steps)
+
+    monkeypatch.setattr(env.robot, "camera_picture", recorded)
+    passing = [[agent_step(0.0)]] * 3 + [[agent_step(0.0, Keys.FIRE)]]
+    step(env, [agent_step(0.0)], *passing)
+    assert told == [2, 1, 1, 1]
+    env.close()
 
 
 def test_without_waiting_one_agent_step_is_enough_whatever_is_pressed(hasty: RobotEnv) -> None:
