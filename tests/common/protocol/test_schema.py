@@ -6,6 +6,7 @@ import importlib
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
+from types import ModuleType
 from typing import (
     Annotated,
     Any,
@@ -41,14 +42,21 @@ def test_the_messages_are_those_of_the_schema() -> None:
 
 
 def messages() -> Iterator[type[Message]]:
-    """All messages of the product."""
+    """All messages of the product, each in a module that names their base."""
+    named = re.compile(r"\bMessage\b")
     for package in ("actors", "common", "learner", "replay"):
         for path in (ROOT / package).rglob("*.py"):
-            if re.search(r"^class \w+\(.*\bMessage\):", path.read_text(), re.MULTILINE):
-                module = ".".join(path.relative_to(ROOT).with_suffix("").parts)
-                for each in vars(importlib.import_module(module)).values():
-                    if getattr(each, "__module__", "") == module and hasattr(each, "LIMITS"):
-                        yield each
+            module = ".".join(path.relative_to(ROOT).with_suffix("").parts)
+            if named.search(path.read_text()):
+                yield from messages_of(importlib.import_module(module))
+
+
+def messages_of(module: ModuleType) -> Iterator[type[Message]]:
+    """The messages that a module declares, whatever else they are."""
+    for each in vars(module).values():
+        own = isinstance(each, type) and each.__module__ == module.__name__
+        if own and issubclass(each, Message) and each is not Message:
+            yield each
 
 
 def digest(*kinds: type) -> str:
@@ -124,6 +132,13 @@ def test_other_limits_are_another_message() -> None:
         LIMITS: ClassVar = {"T": (1, 4)}
 
     assert accepted(Longer) != accepted(Told)
+
+
+def test_a_message_counts_whatever_else_it_is_and_wherever_its_base_is_named() -> None:
+    module = ModuleType("module")
+    mixed = type("Mixed", (Told, dict), {"__module__": "module"})
+    vars(module).update(Mixed=mixed, Told=Told, Message=Message, text="text")
+    assert list(messages_of(module)) == [mixed]
 
 
 def test_every_message_counts() -> None:
