@@ -221,6 +221,18 @@ def test_stopped_means_stopped(hand: HandTime, run: Callable[..., RealTime]) -> 
     assert world.frames == 1
 
 
+def test_an_episode_begins_without_what_was_missed_of_the_one_before(
+    hand: HandTime, run: Callable[..., RealTime]
+) -> None:
+    clock = run(CountingWorld())
+    hand.go_on(2 * AGENT_STEP)
+    clock.stop()
+    clock.start()
+    assert clock.command(0) == []
+    hand.go_on(AGENT_STEP)
+    assert numbers(clock.pass_agent_step()) == [3]
+
+
 def test_a_world_that_nobody_attends_to_stops(hand: HandTime, run: Callable[..., RealTime]) -> None:
     world = CountingWorld()
     clock = run(world)
