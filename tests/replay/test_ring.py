@@ -64,6 +64,26 @@ def test_stacks_do_not_reach_into_the_episode_before(tmp_path: Path) -> None:
     assert states(ring, place.first + 2, place.first + 3) == [[3, 3, 3, 3], [3, 3, 3, 4]]
 
 
+@pytest.mark.parametrize("end", [TERMINATES, TRUNCATES])
+def test_an_actor_that_claims_to_go_on_after_an_end_changes_no_earlier_step(
+    tmp_path: Path, end: int
+) -> None:
+    ring = make_ring(tmp_path)
+    ended = put(ring, Actor("a", 4).live([GOES_ON, GOES_ON, end], RNG))
+    other = Actor("b", 4)
+    other.live([GOES_ON] * 3, RNG)
+    claimed = put(ring, other.live([GOES_ON] * 3, RNG))
+    assert claimed.context
+    last, weights = np.array([ended.last]), np.ones(1, np.float32)
+    before = ring.read(last, weights)
+    ring.join(ended, claimed)
+    after = ring.read(last, weights)
+    assert before is not None
+    assert after is not None
+    np.testing.assert_array_equal(after.s_t, before.s_t)
+    assert after.discount_t == before.discount_t
+
+
 def test_stacks_cross_chunks_by_shared_frames_or_by_context(tmp_path: Path) -> None:
     actor = Actor("a", 4)
     one, two, lost, four = (actor.live([GOES_ON] * 3, RNG) for _ in range(4))
