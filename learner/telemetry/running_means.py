@@ -53,7 +53,7 @@ class RunningMeans:
 
         The relative TD error is the mean of δ², divided by the variance of the targets in the same
         samples: the share of that variance that the values leave unexplained. A network that
-        answers the same to all that it sees has 1 or more. It is unknown if the targets do not vary.
+        answers the same to all that it sees has 1 or more. It is unknown if targets do not vary.
         """
         if self._sums is None:
             return {}
