@@ -7,8 +7,8 @@ Each check is a bound on a figure in `common.metrics`, and would have failed on 
 A check that keeps failing ends the run (`learner.health_guard`). These only warn:
 
 - *relative TD error*: a network that answers the same to all that it sees has 1 or more, and one
-  that has learned a game about 0.1. But one that sees well may have 1 while it has learned nothing
-  yet, as where a first reward takes long to find.
+  that has learned far less. But one that sees well may have 1 while it has learned nothing yet, as
+  where a first reward takes long to find.
 - *press p99 ms*: an agent can learn with hands that are somewhat too slow, if it is told where they
   are. Hands that press too late, or never, fail *keys as commanded*.
 - *refused chunks* and *excess chunks*: sums over the whole run, which one mistake fails for ever.

@@ -26,9 +26,10 @@ def test_all_games_are_registered_under_both_names() -> None:
             )
 
 
-def test_importing_the_package_loads_no_physics_and_no_vision() -> None:
+@pytest.mark.parametrize("package", ["ale_robot", "actors.envs"])
+def test_importing_the_package_loads_no_physics_and_no_vision(package: str) -> None:
     code = (
-        "import sys, ale_robot\n"
+        f"import sys, {package}\n"
         "loaded = {'pybullet', 'cv2', 'torch'} & set(sys.modules)\n"
         "assert not loaded, loaded\n"
     )

@@ -1,7 +1,5 @@
 """ALE-Only against a plain loop over ALE, and Gymnasium's rules."""
 
-import subprocess
-import sys
 from typing import Any
 
 import cv2
@@ -168,12 +166,3 @@ def test_no_key_of_the_game_before_is_pressed_in_a_new_one() -> None:
     assert (env.wanted, env.pressed) == (Keys.UP, Keys.UP)
     env.reset(options={"new_game": True})
     assert (env.wanted, env.pressed) == (Keys.NONE, Keys.NONE)
-
-
-def test_importing_the_package_loads_no_physics_and_no_vision() -> None:
-    code = (
-        "import sys, actors.envs\n"
-        "loaded = {'pybullet', 'cv2', 'torch'} & set(sys.modules)\n"
-        "assert not loaded, loaded\n"
-    )
-    subprocess.run([sys.executable, "-c", code], check=True)

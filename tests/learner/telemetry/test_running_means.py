@@ -59,7 +59,7 @@ def test_targets_that_do_not_vary_say_nothing(target: float) -> None:
 
 @pytest.mark.parametrize("answer", [0.0, 0.25, 7.0])
 def test_who_answers_the_same_to_all_explains_nothing(answer: float) -> None:
-    """Of all constants, the targets' mean has the least error: their variance."""
+    """The best constant answer is the mean of the targets. Its error is their variance."""
     means = RunningMeans()
     means.add(random_batch(seed=1), updated(1.0, TARGETS - answer))
     expected = 1 + (answer - 0.25) ** 2 / (0.75 - 0.25**2)
