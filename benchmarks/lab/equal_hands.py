@@ -1,0 +1,109 @@
+"""`python -m benchmarks.lab.equal_hands`: how alike ``--play.equal-latency`` makes a robot's hands.
+
+Random commands of a game's own actions go to the robot's hands and to hands that keep the schedule
+in every frame. A policy that learned with the one plays by the other as well as the keys of both
+agree. Each row has its own time between two new commands.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+from annotated_types import Ge, Le, MinLen
+from numpy.typing import NDArray
+
+from actors.envs.late_commands import hands_of
+from actors.envs.latency_equaliser import LatencyEqualiser
+from actors.robots.interface import Hands
+from benchmarks.report import BenchmarkOptions, Numbers, Report, main
+from common.actions import KEYS_OF_ACTION, Keys
+from common.checked import FromOne
+from common.games import MINIMAL_ACTIONS, check_game
+from common.registry import ROBOTS
+from common.run.conditions import MAX_ADDED, CameraConfig, PlayConfig
+
+_SCREEN = (210, 160)
+"""Rows and columns of most games."""
+_ALL = Keys.UP | Keys.DOWN | Keys.LEFT | Keys.RIGHT | Keys.FIRE
+
+
+@dataclass(frozen=True)
+class Options(BenchmarkOptions):
+    """Measure in how many emulator frames a robot's hands hold other keys than the schedule of
+    equal hands says."""
+
+    robots: Annotated[tuple[str, ...], MinLen(1)] = ("nao", "robotroller")
+    """Robots, or files of latency models, whose hands are measured."""
+    latency: Annotated[int, Ge(1), Le(MAX_ADDED)] = 16
+    """Latency of the schedule, emulator frames (--play.equal-latency); hands that need longer stay
+    later."""
+    game: str = "pong"
+    """Game whose own actions are commanded."""
+    steps: FromOne = 5_000
+    """Number of agent steps of each measurement."""
+    every: Numbers = (1, 3, 12)
+    """Mean numbers of agent steps between two random commands, one for each row."""
+    seed: Annotated[int, Ge(0)] = 1
+    """Seed of the commands."""
+
+    def check(self) -> None:
+        super().check()
+        check_game(self.game)
+
+
+def measure(options: Options) -> Report:
+    keys = [KEYS_OF_ACTION[action] for action in MINIMAL_ACTIONS[options.game]]
+    rows = []
+    for name in options.robots:
+        robot = ROBOTS.make(name, _SCREEN, CameraConfig(), PlayConfig(robot=name))
+        for every in options.every:
+            commands = random_commands(keys, every, options.steps, options.seed)
+            other = keys_held(robot, commands, options.latency) != keys_held(
+                _exact_hands(), commands, options.latency
+            )
+            rows.append(
+                {
+                    "robot": name,
+                    "agent steps between commands": every,
+                    "share of frames with other keys": float(other.mean()),
+                }
+            )
+        robot.close()
+    return Report.of(
+        f"Keys of equal hands, {options.latency} frames late",
+        rows,
+        {"latency": options.latency, "game": options.game, "seed": options.seed},
+    )
+
+
+def _exact_hands() -> Hands:
+    """Returns hands that press and release as soon as they are told to."""
+    return hands_of(PlayConfig(hand="model"), None, np.random.default_rng(0))
+
+
+def random_commands(keys: Sequence[Keys], every: int, steps: int, seed: int) -> list[Keys]:
+    """Returns the command of each agent step; on average one in ``every`` steps is drawn anew."""
+    rng = np.random.default_rng(seed)
+    commands = [keys[0]]
+    for _ in range(steps - 1):
+        drawn = rng.random() < 1 / every
+        commands.append(keys[rng.integers(len(keys))] if drawn else commands[-1])
+    return commands
+
+
+def keys_held(hands: Hands, commands: Sequence[Keys], latency: int) -> NDArray[np.int64]:
+    """Returns the keys at the end of each emulator frame, with ``hands`` made equal,
+    ``int [commands × frame skip]``."""
+    equal = LatencyEqualiser(hands, latency)
+    equal.time(_ALL)
+    equal.rest()
+    held = []
+    for command in commands:
+        equal.command(command)
+        held += [int(equal.step_frame()) for _ in range(PlayConfig.frame_skip)]
+    return np.array(held)
+
+
+if __name__ == "__main__":
+    main("lab.equal_hands", Options, measure)

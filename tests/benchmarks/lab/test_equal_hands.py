@@ -1,0 +1,104 @@
+"""`python -m benchmarks.lab.equal_hands` on hands of which each frame is known."""
+
+import json
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks import report
+from benchmarks.lab import equal_hands
+from benchmarks.lab.equal_hands import keys_held, random_commands
+from common.actions import Keys
+from common.errors import InputError
+from common.registry import ROBOTS, RobotKind
+from tests.extending.whole_run import added
+
+LEFT, RIGHT = int(Keys.LEFT), int(Keys.RIGHT)
+
+
+class LateRobot:
+    """A robot whose hands need three frames, and never press ``broken``."""
+
+    broken = Keys.NONE
+
+    def __init__(self, *_: object) -> None:
+        self.rest()
+
+    def rest(self) -> None:
+        self._wanted = [Keys.NONE] * 3
+        self.command(Keys.NONE)
+
+    def command(self, keys: Keys) -> None:
+        self._last = keys & ~self.broken
+
+    @property
+    def held(self) -> Keys:
+        return self._wanted[0]
+
+    def step_frame(self) -> Keys:
+        self._wanted = [*self._wanted[1:], self._last]
+        return self.held
+
+    def close(self) -> None:
+        pass
+
+
+class WithoutFire(LateRobot):
+    broken = Keys.FIRE
+
+
+def run(tmp_path: Path, *flags: str) -> list[dict[str, float]]:
+    late, broken = (RobotKind(kind.__name__, kind, joints=0) for kind in (LateRobot, WithoutFire))
+    with added(ROBOTS, late), added(ROBOTS, broken):
+        report.run(
+            "lab.equal_hands",
+            equal_hands.Options,
+            equal_hands.measure,
+            ["--json", f"{tmp_path / 'found.json'}", "--steps", "300", *flags],
+        )
+    rows: list[dict[str, float]] = json.loads((tmp_path / "found.json").read_text())["rows"]
+    return rows
+
+
+def test_keys_are_held_one_latency_later_with_a_gap_between_two() -> None:
+    found = keys_held(LateRobot(), [Keys.NONE, Keys.LEFT, Keys.LEFT, Keys.RIGHT, Keys.NONE], 4)
+    # Four frames of latency. A hand at rest presses one frame after that, and one that comes from
+    # another key two frames after it.
+    assert found.tolist() == [0] * 8 + [0, *[LEFT] * 7] + [0, 0, *[RIGHT] * 2]
+
+
+def test_commands_are_drawn_once_in_so_many_agent_steps() -> None:
+    keys = [Keys.NONE, Keys.LEFT, Keys.RIGHT]
+    commands = random_commands(keys, 4, 9_000, seed=1)
+    changes = sum(one != other for one, other in pairwise(commands))
+    assert changes == pytest.approx(9_000 / 4 * 2 / 3, rel=0.1)  # a third of them draw the same
+    assert {*commands} == {*keys}
+    assert random_commands(keys, 1, 50, seed=1) != random_commands(keys, 1, 50, seed=2)
+
+
+def test_hands_that_can_keep_the_schedule_keep_it_in_every_frame(tmp_path: Path) -> None:
+    rows = run(tmp_path, "--robots", "LateRobot", "--latency", "5")
+    assert [row["share of frames with other keys"] for row in rows] == [0, 0, 0]
+    assert [row["agent steps between commands"] for row in rows] == [1, 3, 12]
+
+
+def test_hands_that_need_longer_differ_and_most_where_commands_are_short(tmp_path: Path) -> None:
+    rows = run(tmp_path, "--robots", "LateRobot", "--latency", "1")
+    short, longer, longest = (row["share of frames with other keys"] for row in rows)
+    assert short > longer > longest > 0
+
+
+def test_a_broken_key_costs_the_frames_in_which_it_is_to_be_held(tmp_path: Path) -> None:
+    rows = run(tmp_path, "--robots", "WithoutFire", "--latency", "5", "--every", "3")
+    keys = [Keys.NONE, Keys.FIRE, Keys.RIGHT, Keys.LEFT, Keys.RIGHT | Keys.FIRE]
+    commands = random_commands([*keys, Keys.LEFT | Keys.FIRE], 3, 300, seed=1)  # Pong's own
+    fire = keys_held(LateRobot(), commands, 5) & int(Keys.FIRE) > 0
+    assert rows[0]["share of frames with other keys"] == pytest.approx(np.mean(fire))
+    assert 0.3 < np.mean(fire) < 0.6
+
+
+def test_an_unknown_game_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no game 'pung'"):
+        run(tmp_path, "--game", "pung")
