@@ -88,7 +88,7 @@ def random_commands(keys: Sequence[Keys], every: int, steps: int, seed: int) -> 
     commands = [keys[0]]
     for _ in range(steps - 1):
         drawn = rng.random() < 1 / every
-        commands.append(keys[rng.integers(len(keys))] if drawn else commands[-1])
+        commands.append(keys[int(rng.integers(len(keys)))] if drawn else commands[-1])
     return commands
 
 
