@@ -19,12 +19,12 @@ from typing import Annotated, Any
 import tyro
 
 from ale_robot.model_card import model_card
+from common.atomic_file import write_atomically
 from common.checked import NAME
 from common.errors import InputError
 from common.process.command_line import parse
 from common.process.extras import check_extra, extra_for
 from common.regular_file import read_file
-from common.run.folder import write_atomically
 from common.run.origin import find_weights
 from viewer.policies import Policies
 

@@ -18,10 +18,10 @@ from annotated_types import Gt, MinLen
 from rich.console import Console
 from rich.table import Table as RichTable
 
+from common.atomic_file import check_new_file, write_atomically
 from common.checked import FromOne
 from common.errors import InputError, exit_on_input_error
 from common.process.command_line import parse
-from common.run.folder import check_new_file, write_atomically
 from learner.telemetry.provenance import machine_line, provenance
 
 Numbers = Annotated[tuple[FromOne, ...], MinLen(1)]

@@ -5,8 +5,8 @@ import shutil
 from pathlib import Path
 from typing import Any
 
+from common.atomic_file import write_atomically
 from common.errors import InputError, writing
-from common.run.folder import write_atomically
 from deploy.containers import actor_command, learner_command, replay_command
 from deploy.description import RunDescription
 

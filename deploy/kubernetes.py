@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from common.atomic_file import write_atomically
 from common.errors import InputError, writing
-from common.run.folder import write_atomically
 from common.transport.credentials import common_name
 from deploy.certificates import certify_actors, ensure_certificates
 from deploy.containers import actor_command, learner_command, replay_command

@@ -18,10 +18,11 @@ from typing import Final
 import ray
 from ray.exceptions import RayError
 
+from common.atomic_file import append_whole
 from common.process.exit_codes import BAD_INPUT
 from common.process.restarts import end_with_parent
 from common.process.supervisor import Child
-from common.run.folder import Part, RunFolder, append_whole
+from common.run.folder import Part, RunFolder
 from deploy.certificates import make_certificates
 from deploy.description import Program
 from deploy.hub_port import PORTS, free_port

@@ -11,9 +11,9 @@ import subprocess
 import sys
 from pathlib import Path
 
+from common.atomic_file import write_atomically
 from common.errors import InputError, writing
 from common.process.exit_codes import EXIT_CODES, UNREACHABLE
-from common.run.folder import write_atomically
 from deploy.certificates import certify_actors
 from deploy.description import Program, RunDescription
 

@@ -17,10 +17,10 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
 from torch import Tensor
 
+from common.atomic_file import has_room, write_atomically
 from common.crc32 import crc32
 from common.errors import InputError
 from common.run.config import RunConfig
-from common.run.folder import has_room, write_atomically
 from common.run.origin import origin_metadata
 from learner.algorithm.interface import Algorithm
 

@@ -6,6 +6,7 @@ from contextlib import closing, nullcontext
 
 import torch
 
+from common.atomic_file import write_atomically
 from common.checked import MAX_COUNT
 from common.process.allocator import keep_large_blocks
 from common.process.exit_codes import RED
@@ -14,7 +15,7 @@ from common.process.log_lines import kept_log, say, say_aside
 from common.process.threads import end_with_any_thread
 from common.protocol.run_keys import RunKeys
 from common.protocol.weights import encode_weights
-from common.run.folder import RunFolder, write_atomically
+from common.run.folder import RunFolder
 from common.transport.endpoint import from_here
 from common.transport.signature import signer
 from learner.algorithm.interface import build_algorithm

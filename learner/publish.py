@@ -18,6 +18,7 @@ from typing import Annotated, Any
 import torch
 import tyro
 
+from common.atomic_file import write_atomically
 from common.checked import FromOne
 from common.errors import InputError, MessageError, exit_on_input_error
 from common.network import build_network, count_actions_of
@@ -25,7 +26,7 @@ from common.process.command_line import parse
 from common.process.lifeline import on_signals
 from common.protocol.weights import decode_weights, encode_weights, set_weights
 from common.run.clock import ClockConfig
-from common.run.folder import RunFolder, write_atomically
+from common.run.folder import RunFolder
 from learner.evaluation.offline import evaluate
 from learner.evaluation.options import EvaluationOptions
 

@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from common.atomic_file import has_room
 from common.errors import InputError
 from common.protocol.step_fields import STEP_FIELDS, Column
-from common.run.folder import has_room
 from replay.journal import damaged, put_on_disk
 
 

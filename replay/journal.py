@@ -12,10 +12,10 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+from common.atomic_file import write_atomically
 from common.crc32 import crc32
 from common.errors import InputError, writing
 from common.regular_file import read_file
-from common.run.folder import write_atomically
 
 Entry = dict[str, Any]
 _MARK = b',"crc":'

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from common.atomic_file import check_new_file
 from common.errors import InputError
-from common.run.folder import check_new_file
 
 _LONGEST_GIF = 120
 """Maximum length of a GIF, seconds of play; it takes 350 MB of memory."""

@@ -22,11 +22,11 @@ from actors.robots.room.viewpoint import VISITOR
 from actors.vision.layout import BORDER, border_of
 from actors.vision.optics import HEIGHT_ANGLE, WIDTH_ANGLE
 from common.actions import KEYS_OF_ACTION, Keys
+from common.atomic_file import check_new_file
 from common.errors import InputError
 from common.process.extras import extra_for
 from common.proprioception import KEYS
 from common.run.conditions import PlayConfig
-from common.run.folder import check_new_file
 from viewer import overlay
 from viewer.rerun_viewer import RerunViewer
 

@@ -16,12 +16,12 @@ import tyro
 from annotated_types import MinLen
 
 from benchmarks.lab.policy import EPSILON, evaluate, settings_of
+from common.atomic_file import check_new_file
 from common.checked import Fraction, FromOne
 from common.errors import exit_on_input_error
 from common.press_latency import ms_of
 from common.process.command_line import parse
 from common.run.conditions import Latency
-from common.run.folder import check_new_file
 from common.run.origin import run_of
 
 COLUMNS = (

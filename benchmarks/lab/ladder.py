@@ -23,11 +23,12 @@ from pathlib import Path
 from typing import Any, Literal
 
 from benchmarks.lab.policy import EPSILON, evaluate, first_at, scores_of, train
+from common.atomic_file import check_new_file, write_atomically
 from common.checked import Count, Fraction, FromOne
 from common.errors import exit_on_input_error
 from common.process.command_line import PRESENT_FLAGS, parse
 from common.run.epochs import EpochRow, EpochTable
-from common.run.folder import RunFolder, check_new_file, write_atomically
+from common.run.folder import RunFolder
 
 Rung = Literal["R1", "R2", "R3", "R4", "R5"]
 

@@ -19,13 +19,13 @@ from annotated_types import Ge, Le, MinLen
 
 from benchmarks.lab.policy import PlayingOptions, evaluate
 from benchmarks.report import Report, Table, main, measure_missing, resumed
+from common.atomic_file import write_atomically
 from common.checked import Fraction, FromOne
 from common.errors import InputError
 from common.press_latency import ms_of
 from common.registry import ROBOTS
 from common.run.conditions import MAX_ADDED
 from common.run.config import RunConfig
-from common.run.folder import write_atomically
 from common.run.stored_config import flat
 from viewer.policies import Grid
 

@@ -27,9 +27,9 @@ from benchmarks.lab.sight_poses import (
 )
 from benchmarks.lab.sight_probe import QUANTITIES, collect, probe
 from benchmarks.report import BenchmarkOptions, Report, Table, main
+from common.atomic_file import check_new_file
 from common.checked import FromOne
 from common.games import check_game
-from common.run.folder import check_new_file
 from viewer import overlay
 from viewer.picture import write_picture
 

@@ -13,6 +13,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
+from common.atomic_file import write_atomically
 from common.dataset.layout import (
     BOOKKEEPING,
     CAMERA,
@@ -29,7 +30,6 @@ from common.dataset.layout import (
     place_of,
 )
 from common.run.config import RunConfig
-from common.run.folder import write_atomically
 
 _PANDAS = {
     "index_columns": ["task"],

@@ -16,10 +16,10 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import AllowInfNan
 
+from common.atomic_file import append_whole, write_atomically
 from common.checked import Count, Invalid, build
 from common.errors import InputError
 from common.regular_file import read_file
-from common.run.folder import append_whole, write_atomically
 
 EpochPhase = Literal["random", "train", "test"]
 Figure = Annotated[float, AllowInfNan(True)]

@@ -15,6 +15,7 @@ from typing import Any
 
 from rich.console import Console
 
+from common.atomic_file import check_new_file, write_atomically
 from common.errors import InputError
 from common.network import build_network
 from common.process.progress import Progress
@@ -22,7 +23,6 @@ from common.process.supervisor import Child
 from common.protocol.weights import load_weights_file
 from common.run.clock import ClockConfig
 from common.run.config import RunConfig
-from common.run.folder import check_new_file, write_atomically
 from common.run.origin import SHAPING_SETTINGS, check_fit, name_of
 from common.run.presets import PRESETS
 from common.run.stored_config import differences, to_json

@@ -4,8 +4,9 @@ import json
 from pathlib import Path
 from typing import Any
 
+from common.atomic_file import write_atomically
 from common.regular_file import read_file
-from common.run.folder import epoch_name, write_atomically
+from common.run.folder import epoch_name
 
 
 class Snapshots:

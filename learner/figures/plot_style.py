@@ -15,8 +15,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from common.atomic_file import check_new_file
 from common.errors import InputError
-from common.run.folder import check_new_file
 
 _SUFFIXES = (".png", ".svg", ".pdf")
 RANDOM = "#c1121f"

@@ -11,12 +11,12 @@ import torch
 from safetensors import SafetensorError
 from safetensors.torch import load, save
 
+from common.atomic_file import write_atomically
 from common.errors import InputError
 from common.metrics import Value
 from common.protocol.step_fields import FRAME_SHAPE
 from common.regular_file import read_file
 from common.run.config import RunConfig
-from common.run.folder import write_atomically
 from learner.algorithm.interface import Algorithm
 from learner.telemetry.snapshot import Histogram
 from replay.interface import Replay

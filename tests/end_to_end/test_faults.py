@@ -17,7 +17,7 @@ from safetensors import safe_open
 from benchmarks.chaos.disk import Disk
 from benchmarks.chaos.link import Link
 from benchmarks.child import free_endpoint
-from common.run.folder import write_atomically
+from common.atomic_file import write_atomically
 from common.run.join import find_run
 from common.transport.chosen import connect
 from replay.chunk_statistics import Progress

@@ -154,7 +154,7 @@ def test_a_checkpoint_that_cannot_be_written_leaves_both_as_they_were(
         raise OSError(errno.ENOSPC, "No space left on device")
 
     with monkeypatch.context() as patch:
-        patch.setattr("common.run.folder.os.fsync", fails)
+        patch.setattr("common.atomic_file.os.fsync", fails)
         with pytest.raises(OSError, match="No space"):
             checkpoint.save({"updates": 3})
     assert load(checkpoint) == {"updates": 2}

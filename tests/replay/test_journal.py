@@ -107,7 +107,7 @@ def test_a_rewrite_that_finds_no_space_leaves_the_journal_as_it_was(
         raise OSError(28, "No space left on device")
 
     with monkeypatch.context() as patch:
-        patch.setattr("common.run.folder.os.fsync", full)
+        patch.setattr("common.atomic_file.os.fsync", full)
         with pytest.raises(OSError, match="No space"):
             journal.rewrite([{"n": 1}])
         with pytest.raises(InputError, match="cannot be written: No space"):

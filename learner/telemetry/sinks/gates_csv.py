@@ -8,9 +8,9 @@ import io
 from contextlib import suppress
 from pathlib import Path
 
+from common.atomic_file import append_whole, write_atomically
 from common.metrics import METRICS, number
 from common.regular_file import read_file
-from common.run.folder import append_whole, write_atomically
 from learner.telemetry.sinks.sink import Sink
 from learner.telemetry.snapshot import Snapshot
 

@@ -9,9 +9,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from common.atomic_file import write_atomically
 from common.metrics import METRICS
 from common.run.config import RunConfig
-from common.run.folder import write_atomically
 from common.strict_json import strict
 from learner.telemetry.sinks.sink import Sink
 from learner.telemetry.snapshot import ActorView, Snapshot

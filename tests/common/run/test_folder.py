@@ -1,6 +1,5 @@
 """Owners of a run's folder, and what a claim refuses."""
 
-import errno
 import json
 import os
 import signal
@@ -16,18 +15,10 @@ import pytest
 from common.errors import InputError
 from common.run.config import RunConfig
 from common.run.epochs import EpochTable
-from common.run.folder import (
-    JOURNAL,
-    Part,
-    RunFolder,
-    append_whole,
-    check_new_file,
-    write_atomically,
-)
+from common.run.folder import JOURNAL, Part, RunFolder
 from common.run.presets import PRESETS
 from learner.demonstrations import Begun
 from replay.journal import read_journal
-from tests.full_disk import let_the_disk_take
 from tests.paths import ROOT
 
 FAST = PRESETS["fast"]
@@ -229,62 +220,6 @@ def test_a_folder_that_cannot_be_is_told(tmp_path: Path) -> None:
         claim(tmp_path / "runs")
 
 
-def test_a_file_is_replaced_and_nothing_else_is_left(tmp_path: Path) -> None:
-    path = tmp_path / "file"
-    for content in (b"old", b"", b"new" * 1_000):
-        write_atomically(path, content)
-        assert path.read_bytes() == content
-        assert os.listdir(tmp_path) == ["file"]
-
-
-def test_a_write_that_fails_leaves_the_old_file(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    path = tmp_path / "file"
-    write_atomically(path, b"old")
-
-    def full(descriptor: int) -> None:
-        raise OSError("no space left")
-
-    monkeypatch.setattr(os, "fsync", full)
-    with pytest.raises(OSError, match="no space left"):
-        write_atomically(path, b"new")
-    assert path.read_bytes() == b"old"
-    assert os.listdir(tmp_path) == ["file"]
-
-
-def test_what_is_appended_is_there_whole_or_not_at_all(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    path = tmp_path / "table"
-    append_whole(path, b"first\n")
-    with monkeypatch.context() as patched:
-        let_the_disk_take(patched, 3, 1)
-        with pytest.raises(OSError, match="No space"):
-            append_whole(path, b"second\n")
-    assert path.read_bytes() == b"first\n"
-
-    def full(file: int) -> None:
-        raise OSError(errno.EDQUOT, os.strerror(errno.EDQUOT))
-
-    with monkeypatch.context() as patched:
-        patched.setattr(os, "fsync", full)
-        with pytest.raises(OSError, match="quota"):
-            append_whole(path, b"second\n", durable=True)
-    assert path.read_bytes() == b"first\n"
-    append_whole(path, b"second\n", durable=True)
-    assert path.read_bytes() == b"first\nsecond\n"
-
-
-def test_whoever_holds_the_old_file_open_reads_it_to_its_end(tmp_path: Path) -> None:
-    path = tmp_path / "file"
-    write_atomically(path, b"old content")
-    with path.open("rb", buffering=0) as reader:
-        assert reader.read(3) == b"old"
-        write_atomically(path, b"new")
-        assert reader.read() == b" content"
-
-
 def test_a_start_that_fails_leaves_no_folder(tmp_path: Path) -> None:
     folder = claim(tmp_path)
     folder.initial.touch()
@@ -314,12 +249,9 @@ def test_a_folder_in_which_something_began_or_that_was_there_stays(tmp_path: Pat
     assert again.path.exists()
 
 
-def test_no_link_is_followed_to_a_file_elsewhere(tmp_path: Path) -> None:
+def test_no_link_in_place_of_a_lock_is_followed(tmp_path: Path) -> None:
     elsewhere = tmp_path / "elsewhere"
     elsewhere.write_text("precious")
-    (tmp_path / "config.json.tmp").symlink_to(elsewhere)
-    write_atomically(tmp_path / "config.json", b"new")
-    assert (tmp_path / "config.json").read_bytes() == b"new"
     (tmp_path / "r").mkdir()
     (tmp_path / "r" / ".learner.lock").symlink_to(elsewhere)
     with pytest.raises(InputError, match="cannot be written: Too many levels of symbolic links"):
@@ -327,61 +259,13 @@ def test_no_link_is_followed_to_a_file_elsewhere(tmp_path: Path) -> None:
     assert elsewhere.read_text() == "precious"
 
 
-def test_a_file_that_cannot_be_written_is_refused_before_it_is_needed(tmp_path: Path) -> None:
-    check_new_file(tmp_path / "new.json")
-    with pytest.raises(InputError, match="is a folder"):
-        check_new_file(tmp_path)
-    (tmp_path / "file").touch()
-    with pytest.raises(InputError, match=r"new\.json cannot be written: Not a directory\.$"):
-        check_new_file(tmp_path / "file" / "none" / "new.json")
-
-
-def test_a_device_a_pipe_and_a_link_are_not_replaced(tmp_path: Path) -> None:
-    """As root, `--json /dev/stdout` took the terminal's name from the whole machine."""
-    pipe, link = tmp_path / "pipe", tmp_path / "link"
-    os.mkfifo(pipe)
-    link.symlink_to("/dev/stdout")
-    for file in (pipe, link, Path("/dev/null")):
-        with pytest.raises(InputError, match=f"{file} is not a regular file: name one"):
-            check_new_file(file)
-
-
-def test_what_a_killed_process_left_beside_a_file_is_in_nobodys_way(tmp_path: Path) -> None:
-    path, former = tmp_path / "file", tmp_path / "former"
-    for name, content in (("file", "1"), ("file.tmp", "torn"), ("file.kept", "0")):
-        (tmp_path / name).write_text(content)
-    write_atomically(path, b"2", former)
-    assert {each.name: each.read_text() for each in tmp_path.iterdir()} == {
-        "file": "2",
-        "former": "1",
-    }
-
-
-def test_a_folder_that_a_file_lacks_is_made_and_the_file_is_not(tmp_path: Path) -> None:
-    check_new_file(tmp_path / "new" / "folder" / "new.json")
-    assert list((tmp_path / "new" / "folder").iterdir()) == []
-
-
-def test_a_folder_that_may_not_be_written_to_is_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def refuse(**_: object) -> None:
-        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
-
-    monkeypatch.setattr("tempfile.TemporaryFile", refuse)
-    with pytest.raises(InputError, match=r"new\.json cannot be written: Permission denied\.$"):
-        check_new_file(tmp_path / "new.json")
-
-
 def test_pipes_in_place_of_a_runs_files_are_not_waited_for(tmp_path: Path) -> None:
     """As in a folder that somebody gave: who opens a pipe waits for its other end for ever."""
     folder = claim(tmp_path)
-    row, why = tmp_path / "r" / "row", "it is not a regular file"
-    for pipe in (row, folder.epochs, folder.demonstrations, folder.replay / JOURNAL):
+    why = "it is not a regular file"
+    for pipe in (folder.epochs, folder.demonstrations, folder.replay / JOURNAL):
         pipe.parent.mkdir(exist_ok=True)
         os.mkfifo(pipe)
-    with pytest.raises(OSError, match="No such device"):
-        append_whole(row, b"1")
     with pytest.raises(InputError, match=why):
         EpochTable(folder.epochs).rows()
     with pytest.raises(InputError, match=why):

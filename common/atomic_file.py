@@ -1,0 +1,78 @@
+"""Writes files whole or not at all, and tells beforehand whether that can work."""
+
+import os
+import shutil
+import tempfile
+from pathlib import Path
+
+from common.errors import InputError, writing
+from common.regular_file import no_links
+
+
+def check_new_file(file: Path) -> None:
+    """Makes the folder of a file that will be written. Raises InputError if the file could not be
+    written."""
+    if file.is_dir():
+        raise InputError(f"{file} is a folder: name a file in it.")
+    # The new file replaces what is there; root could replace a device.
+    if file.is_symlink() or (file.exists() and not file.is_file()):
+        raise InputError(f"{file} is not a regular file: name one, or a new one.")
+    with writing(file):
+        file.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=file.parent):
+            pass
+
+
+def write_atomically(path: Path, content: bytes, former: Path | None = None) -> None:
+    """Replaces the content of ``path``. A reader sees the old or the new content, never a part.
+
+    The content is on the disk when this returns.
+
+    Args:
+        former: path at which the old content is kept; it does not change if writing fails.
+    """
+    fresh, kept = path.with_name(path.name + ".tmp"), path.with_name(path.name + ".kept")
+    fresh.unlink(missing_ok=True)  # left by a killed process, or a link to somewhere else
+    try:
+        with fresh.open("xb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        if former is not None and path.exists():
+            # A link comes first, so that a file is at `path` at every moment.
+            kept.unlink(missing_ok=True)
+            os.link(path, kept)
+            kept.replace(former)
+    except OSError:
+        fresh.unlink(missing_ok=True)  # a partial file must not fill the disk
+        raise
+    fresh.replace(path)
+    folder = os.open(path.parent, os.O_RDONLY)
+    try:
+        os.fsync(folder)  # or a power failure could restore the old name
+    finally:
+        os.close(folder)
+
+
+def append_whole(path: Path, content: bytes, *, durable: bool = False) -> None:
+    """Appends ``content``, whole or not at all, to the file at ``path``, which is made if needed.
+    With ``durable``, the content is on the disk when this returns."""
+    file = no_links(str(path), os.O_WRONLY | os.O_APPEND | os.O_CREAT)
+    try:
+        size, rest = os.fstat(file).st_size, content
+        try:
+            while rest:
+                rest = rest[os.write(file, rest) :]
+            if durable:
+                os.fsync(file)
+        except OSError:
+            os.ftruncate(file, size)
+            raise
+    finally:
+        os.close(file)
+
+
+def has_room(folder: Path, count: int) -> bool:
+    """Whether the disk of ``folder`` has ``count`` free bytes; a total of 0 means no limit."""
+    disk = shutil.disk_usage(folder)
+    return not disk.total or count <= disk.free
