@@ -34,9 +34,10 @@ def viewer_command(arguments: Sequence[str]) -> list[str]:
     given = {argument.partition("=")[0] for argument in arguments}
     for flag, command in _VIEWER_COMMANDS.items():
         if flag in given:
-            # Only play has a clock; the others always run in lockstep.
-            understood = {f"--{command}", "--sync"}
-            return [command, *(each for each in arguments if each not in understood)]
+            # Only play has a clock; the others always run in lockstep. A network needs no flag.
+            understood = {f"--{command}", "--sync", "--weights"}
+            rest = (each.removeprefix("--weights=") for each in arguments)
+            return [command, *(each for each in rest if each not in understood)]
     return []
 
 

@@ -6,7 +6,7 @@ from importlib import import_module
 from itertools import takewhile
 
 from ale_robot import __version__
-from ale_robot.commands import LOADING, PROGRAMS, SHOWING, help_of, overview
+from ale_robot.commands import LOADING, PROGRAMS, help_of, overview
 from common.errors import InputError, choice, exit_on_input_error
 from common.process.lifeline import leave_at_interrupt
 
@@ -31,8 +31,6 @@ def run() -> int | None:
         given, arguments = [*takewhile(str.isalpha, given)], ["--help", *named]
     elif name == "evaluate" and (not arguments or arguments[0].startswith("-")):
         raise InputError("no network is named: name one, as in `ale-robot evaluate robot_pong`.")
-    elif name in SHOWING and arguments and not arguments[0].startswith("-"):
-        arguments = ["--weights", *arguments]
     sys.argv = [f"ale-robot {name}", *given, *arguments]
     seen = name == "train" or (name in LOADING and sys.stdout.isatty())
     if seen and not {"--help", "--version", "--log-json"} & {*arguments}:

@@ -32,9 +32,6 @@ LOADING = {"watch", "play", "record", "check", "film", "evaluate"}
 EXTENSIBLE = {"train", "replay", "evaluate", "watch", "play", "human", "record", "check", "film"}
 """Commands whose flags choose an environment, a robot or an algorithm."""
 
-SHOWING = ("watch", "play")
-"""Commands that accept a network without ``--weights``, as `evaluate` does."""
-
 HELP = {
     "watch": """\
 Watch a trained robot play in this terminal.

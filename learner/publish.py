@@ -4,7 +4,7 @@ It writes two files: NAME.safetensors, the weights in float16, and NAME.json, th
 has the SHA-256 of the weights, the run's configuration, how long it was trained, and the score of
 each game of an evaluation of exactly these weights.
 
-`python -m viewer play --weights policies/NAME.safetensors` plays the policy.
+`ale-robot play policies/NAME.safetensors` plays the policy.
 """
 
 import hashlib

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from actors.loop import play
 from common.checked import Amount, Fraction
 from common.errors import InputError
-from common.process.command_line import WeightsFile
 from common.process.progress import Progress
 from common.run.epochs import EpochRow, EpochTable
 from common.run.folder import RunFolder, kept_networks
@@ -50,11 +49,8 @@ class Film(Played):
     """
 
     shown: tyro.conf.Positional[File] = None
-    """Folder of a run that is filmed epoch by epoch, such as runs/NAME; or a network, as in
-    --weights."""
-    weights: WeightsFile | None = None
-    """Network that plays, such as robot_pong, or runs/NAME for the newest of a run; by default the
-    published one of --env."""
+    """Folder of a run that is filmed epoch by epoch, such as runs/NAME; or a network, such as
+    robot_pong or runs/NAME/snapshots/best.safetensors; by default the published one of --env."""
     epsilon: Fraction = 0.001
     """Share of random actions of the network's play."""
     seconds: Amount = 0.0
@@ -66,8 +62,6 @@ class Film(Played):
     """URDF of another NAO, with meshes, to show in the panels; the physics stay the same."""
 
     def check(self) -> None:
-        if self.shown is not None and self.weights is not None:
-            raise InputError(f"{self.shown} says what is filmed: omit --weights.")
         if not self._shows_run:
             self._play().check()
 
@@ -84,10 +78,9 @@ class Film(Played):
         return self.shown is not None and self.shown.is_dir()
 
     def _play(self) -> Play:
-        given = find_weights(self.shown) if self.shown else self.weights
         return Play(
             **{field.name: getattr(self, field.name) for field in fields(Played)},
-            weights=given or shown_weights(self.env),
+            weights=find_weights(self.shown) if self.shown else shown_weights(self.env),
             epsilon=self.epsilon,
             seconds=self.seconds,
             video=self.video or Path("film.mp4"),
@@ -132,8 +125,8 @@ def chapters_of(folder: Path) -> list[Chapter]:
     networks = kept_networks(run.snapshots)
     if not networks:
         raise InputError(
-            f"{folder} has kept no snapshots: train with --keep-snapshots, or film one network by "
-            f"--weights {folder}."
+            f"{folder} has kept no snapshots: train with --keep-snapshots, or film one network: "
+            f"{run.checkpoint}."
         )
     rows = EpochTable(run.epochs).rows()
     titles = [_title(epoch, rows) for epoch in networks]

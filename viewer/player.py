@@ -15,6 +15,7 @@ from actors.envs import make_env
 from actors.envs.game_env import GameEnv
 from actors.policy import Policy
 from common.errors import InputError
+from common.process.command_line import WeightsFile
 from common.registry import ENVIRONMENTS
 from common.run.clock import ClockConfig
 from common.run.config import MAX_SEED, RunConfig
@@ -23,6 +24,8 @@ from common.run.own_settings import merged
 from common.run.presets import PRESETS
 
 File = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
+Network = Annotated[WeightsFile | None, tyro.conf.Positional, tyro.conf.arg(metavar="[FILE]")]
+"""A network that is named without a flag, or none."""
 
 
 @contextmanager

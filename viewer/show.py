@@ -12,14 +12,13 @@ from actors.envs.game_env import GameEnv
 from actors.loop import play
 from common.checked import Amount, Fraction, FromOne
 from common.errors import InputError
-from common.process.command_line import WeightsFile
 from common.process.extras import check_extra
 from common.process.progress import Progress
 from common.run.clock import ClockConfig
 from common.run.conditions import PlayConfig
 from viewer.movie import check_length, open_movie
 from viewer.panels import Panels
-from viewer.player import File, Played, ShownPolicy, shown_env
+from viewer.player import File, Network, Played, ShownPolicy, shown_env
 from viewer.rerun_stream import RerunStream
 
 ROOM_EVERY = 4
@@ -33,7 +32,7 @@ class Play(Played):
     A network plays under the settings of its run, except for those given here.
     """
 
-    weights: WeightsFile | None = None
+    weights: Network = None
     """Network that plays, such as robot_pong or runs/NAME/snapshots/best.safetensors."""
     epsilon: Fraction = 0.001
     """Share of random actions in the network's play; evaluations of 2017 had 0.05."""

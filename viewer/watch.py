@@ -21,13 +21,12 @@ from actors.vision.layout import ASPECT, border_of
 from common.actions import KEYS_OF_ACTION
 from common.checked import Count, Fraction
 from common.minus import minus_signed
-from common.process.command_line import WeightsFile
 from common.q_bars import q_bars
 from common.run.config import RunConfig
 from common.run.origin import name_of, shown_weights
 from viewer import overlay
 from viewer.human import keys_text
-from viewer.player import Played, ShownPolicy, shown_env
+from viewer.player import Network, Played, ShownPolicy, shown_env
 from viewer.terminal.graphics import QUESTIONS, Graphics, GraphicsAnswers
 from viewer.terminal.half_blocks import HalfBlocks
 from viewer.terminal.held_keys import HeldKeys
@@ -61,7 +60,7 @@ class Watch(Played):
     It plays under the settings of its run, except for those given here.
     """
 
-    weights: WeightsFile | None = None
+    weights: Network = None
     """Network that plays, such as robot_pong or runs/NAME/snapshots/best.safetensors; by default
     the published one of --env."""
     epsilon: Fraction = 0.001

@@ -27,6 +27,8 @@ from viewer.check import Check
         ("--sync --human --game breakout", "human --game breakout"),
         ("--viewer rerun", "play --viewer rerun"),
         ("--viewer=rerun --play", "play --viewer=rerun"),
+        ("--play --weights w.safetensors --games 2", "play w.safetensors --games 2"),
+        ("--play --weights=w.safetensors", "play w.safetensors"),
     ],
 )
 def test_former_flags_of_the_viewer(arguments: str, meant: str) -> None:

@@ -91,18 +91,6 @@ def test_a_command_is_its_program_with_its_flags_before_the_users(
     ]
 
 
-@pytest.mark.parametrize("name", ["watch", "play"])
-def test_a_network_that_is_to_be_shown_needs_no_flag(
-    name: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    called = []
-    program = SimpleNamespace(main=lambda: called.append(sys.argv[1:]))
-    monkeypatch.setitem(sys.modules, "viewer.__main__", program)
-    run(monkeypatch, name, "ale_pong", "--seed", "2")
-    run(monkeypatch, name, "--seed", "2")
-    assert called == [[name, "--weights", "ale_pong", "--seed", "2"], [name, "--seed", "2"]]
-
-
 def test_training_says_at_once_that_it_starts_but_for_programs_that_read_json(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -17,7 +17,7 @@ def test_what_a_run_learned_is_played_and_filmed_with_its_settings(stage: Stage)
 
     output = stage.start(
         *("-m", "viewer", "play", "--games", "2", "--video", str(film)),
-        *("--weights", str(stage.run / "snapshots" / "best.safetensors")),
+        str(stage.run / "snapshots" / "best.safetensors"),
     ).ends()
 
     snapshot = load_file(stage.run / "snapshots" / "best.safetensors")

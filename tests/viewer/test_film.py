@@ -103,8 +103,6 @@ def test_a_gif_of_a_run_is_no_longer_than_one_of_a_game(run: Path) -> None:
 def test_what_cannot_be_filmed_is_told(run: Path, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="is not the folder of a run"):
         Film(shown=tmp_path).run(threading.Event())
-    with pytest.raises(InputError, match="omit --weights"):
-        Film(shown=run, weights=run / "x").check()
     with pytest.raises(InputError, match="did you mean robot_pong"):
         Film(shown=Path("robot_pnog")).check()
     (run / "epochs.csv").write_text(",".join(COLUMNS) + "\n1,train,soon\n")

@@ -5,6 +5,7 @@ import sys
 import threading
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -31,8 +32,10 @@ from tests.viewer.commands import command
 from tests.viewer.rrd import recorded
 from viewer.__main__ import COMMANDS, main
 from viewer.check import CORNERS_IN_PLACE, Check
+from viewer.film import Film
 from viewer.player import Played, ShownPolicy
 from viewer.show import Play
+from viewer.watch import Watch
 
 SHORT = replace(
     PRESETS["robot"], play=PlayConfig(random_starts=0, max_game_frames=16, minimal_actions=True)
@@ -60,10 +63,19 @@ def size_of(picture: Path) -> tuple[int, int, int]:
 def test_commands(tmp_path: Path) -> None:
     weights = tmp_path / "w"
     weights.touch()
-    arguments = ["--weights", str(weights), "--viewer", "rerun", "--no-sync"]
-    found = parse(COMMANDS["play"], "viewer", arguments)
+    found = parse(COMMANDS["play"], "viewer", [str(weights), "--viewer", "rerun", "--no-sync"])
     assert found == Play(weights=weights, viewer="rerun", clock=ClockConfig(sync=False))
     assert parse(COMMANDS["check"], "viewer", ["-o", "p.png"]) == Check(output=Path("p.png"))
+
+
+@pytest.mark.parametrize("kind", [Watch, Play, Film])
+def test_a_network_needs_no_flag(kind: Any, tmp_path: Path) -> None:
+    weights = tmp_path / "w"
+    weights.touch()
+    named = {"shown" if kind is Film else "weights": weights}
+    for arguments in (["--seed", "2", str(weights)], [str(weights), "--seed", "2"]):
+        assert parse(kind, "viewer", arguments) == kind(seed=2, **named)
+    assert parse(kind, "viewer", ["--seed", "2"]) == kind(seed=2)
 
 
 @pytest.mark.parametrize(
@@ -321,7 +333,7 @@ def test_play_prints_scores_and_records_every_agent_step(
     weights = in_run(tmp_path, SHORT, 6)
     pytest.importorskip("av")
     video = tmp_path / "film.mp4"
-    arguments = ("play", "--weights", str(weights), "--video", str(video), "--games", "2")
+    arguments = ("play", str(weights), "--video", str(video), "--games", "2")
     assert command(monkeypatch, *arguments) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[:2] == ["game 1: score 0 in 4 steps", "game 2: score 0 in 4 steps"]
@@ -343,7 +355,7 @@ def test_a_film_in_real_time_lasts_as_long_as_its_game(
     weights = in_run(tmp_path, SHORT, 6)
     pytest.importorskip("av")
     video = tmp_path / "film.mp4"
-    arguments = ("play", "--weights", str(weights), "--video", str(video), "--no-sync")
+    arguments = ("play", str(weights), "--video", str(video), "--no-sync")
     assert command(monkeypatch, *arguments) == 0
     assert pictures_in(video) == 4  # agent steps of the game, in however few steps
 
@@ -352,7 +364,7 @@ def test_play_ends_after_so_many_seconds_of_play(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     weights = in_run(tmp_path, replace(SHORT, env="ale"), 6)
-    arguments = ("play", "--weights", str(weights), "--games", "9", "--seconds", "0.6")
+    arguments = ("play", str(weights), "--games", "9", "--seconds", "0.6")
     assert command(monkeypatch, *arguments) == 0
     # 0.6 s are 9 agent steps of 66.7 ms: two games of 4, and one of the next.
     assert capsys.readouterr().out.splitlines()[2:] == ["mean score of 2 games: 0.00"]
@@ -362,7 +374,7 @@ def test_play_that_ends_before_its_first_game_tells_the_score_so_far(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     weights = in_run(tmp_path, replace(SHORT, env="ale"), 6)
-    assert command(monkeypatch, "play", "--weights", str(weights), "--seconds", "0.2") == 0
+    assert command(monkeypatch, "play", str(weights), "--seconds", "0.2") == 0
     assert capsys.readouterr().out == "no game ended: score 0 after 3 steps\n"
 
 
@@ -370,7 +382,7 @@ def test_play_in_real_time_tells_how_often_it_was_late(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     weights = in_run(tmp_path, SHORT, 6)
-    assert command(monkeypatch, "play", "--weights", str(weights), "--no-sync") == 0
+    assert command(monkeypatch, "play", str(weights), "--no-sync") == 0
     assert re.fullmatch(
         r"game 1: score 0 in 4 steps, \d+ deadlines missed\n", capsys.readouterr().out
     )
@@ -381,7 +393,7 @@ def test_play_on_the_emulator_alone_is_the_same_game_again(
 ) -> None:
     weights = in_run(tmp_path, replace(SHORT, env="ale"), 6)
     video = tmp_path / "film.gif"
-    arguments = ["play", "--weights", str(weights), "--epsilon", "0.5", "--seed", "3"]
+    arguments = ["play", str(weights), "--epsilon", "0.5", "--seed", "3"]
     arguments += ["--seconds", "60"]  # more than the game has
     assert command(monkeypatch, *arguments) == 0
     first = capsys.readouterr().out
@@ -419,7 +431,7 @@ def test_play_is_saved_for_rerun(
     pytest.importorskip("rerun", reason="needs pip install 'ale-robot[viz]'")
     weights = in_run(tmp_path, replace(SHORT, env="ale"), 6)
     path = tmp_path / "game.rrd"
-    assert command(monkeypatch, "play", "--weights", str(weights), "--save", str(path)) == 0
+    assert command(monkeypatch, "play", str(weights), "--save", str(path)) == 0
     assert capsys.readouterr().out.endswith(f"wrote {path}\n")
     found = recorded(path)
     assert list(found["/q/noop"]["Scalars:scalars"]) == [1, 2, 3, 4]

@@ -119,13 +119,13 @@ class FilmsSink(Sink):
         )
 
     def _policy(self) -> list[str]:
-        """Returns the flags of the network that plays."""
+        """Returns the network that plays, and its flags."""
         if self._epoch.number:
-            return ["--weights", str(self._snapshots.file(self._epoch.number))]
+            return [str(self._snapshots.file(self._epoch.number))]
         if self.folder.initial.exists():
-            return ["--weights", str(self.folder.initial), "--epsilon", f"{self.epsilon:g}"]
+            return [str(self.folder.initial), "--epsilon", f"{self.epsilon:g}"]
         # Only the settings in the checkpoint count: its network may have learned already.
-        return ["--weights", str(self.folder.checkpoint), "--epsilon", "1"]
+        return [str(self.folder.checkpoint), "--epsilon", "1"]
 
     def _end_film(self, child: Child) -> None:
         number, agent_steps = self._epoch

@@ -69,4 +69,4 @@ def test_a_policy_that_feels_naos_joints_cannot_play_on_it(
     weights = ROOT / "policies" / "robot_pong.safetensors"
     words = r"with 144 numbers of proprioception, .* 134 numbers .*: add --robot nao\.$"
     with pytest.raises(InputError, match=words):
-        command(monkeypatch, "play", "--weights", str(weights), "--robot", "robotroller")
+        command(monkeypatch, "play", str(weights), "--robot", "robotroller")

@@ -5,10 +5,10 @@ import sys
 from pathlib import Path
 
 if __name__ == "__main__":
-    film, *flags, leash = sys.argv[1:]
+    film, network, *flags, leash = sys.argv[1:]
     assert leash == "--leash"
     asked = dict(zip(flags[::2], flags[1::2], strict=True))
-    weights, video = Path(asked["--weights"]), Path(asked["--video"])
+    weights, video = Path(network), Path(asked["--video"])
     epsilon = f" {asked['--epsilon']}" if "--epsilon" in asked else ""
     video.write_text(f"{film} {weights.read_text()} {asked['--seconds']}{epsilon}")
     if weights.stem == "epoch-0002":
