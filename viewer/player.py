@@ -20,8 +20,9 @@ from common.registry import ENVIRONMENTS
 from common.run.clock import ClockConfig
 from common.run.config import MAX_SEED, RunConfig
 from common.run.origin import check_fit, origin_of
-from common.run.own_settings import merged
+from common.run.own_settings import ENVIRONMENT, ROBOT
 from common.run.presets import PRESETS
+from common.run.stored_config import flat
 
 File = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
 Network = Annotated[WeightsFile | None, tyro.conf.Positional, tyro.conf.arg(metavar="[FILE]")]
@@ -76,23 +77,24 @@ class Played:
         if config is None:
             config = PRESETS[ENVIRONMENTS.find(self.env or RunConfig.env).preset]
             config = replace(config, play=replace(config.play, minimal_actions=False))
-        kept, env, robot = config.play, self.env or config.env, self.robot or config.play.robot
-        # Another environment or robot does not know the settings that the former one declared.
-        of_env = kept.env_settings if env == config.env else ""
-        of_robot = kept.robot_settings if (env, robot) == (config.env, kept.robot) else ""
+        given = {
+            ENVIRONMENT.name: self.env,
+            ENVIRONMENT.text: self.env_settings,
+            ROBOT.name: self.robot,
+            ROBOT.text: self.robot_settings,
+        }
         play = replace(
-            kept,
-            minimal_actions=self.minimal_actions or kept.minimal_actions,
-            robot=robot,
-            robot_settings=merged(of_robot, self.robot_settings, "--play.robot-settings"),
-            env_settings=merged(of_env, self.env_settings, "--play.env-settings"),
+            config.play,
+            minimal_actions=self.minimal_actions or config.play.minimal_actions,
+            robot=self.robot or config.play.robot,
+            robot_settings=ROBOT.going_on(flat(config), given),
+            env_settings=ENVIRONMENT.going_on(flat(config), given),
         )
-        seed = config.seed if self.seed is None else self.seed
         config = replace(
             config.fixed,
-            env=env,
+            env=self.env or config.env,
             game=self.game or config.game,
-            seed=seed,
+            seed=config.seed if self.seed is None else self.seed,
             play=play,
         )
         config.check()

@@ -7,7 +7,7 @@ from typing import Any, get_type_hints
 
 from common.process.first_flags import read_first
 from common.run.meanings import bounds, docstrings
-from common.run.own_settings import EXTENSIONS, defaults_of, merged, written
+from common.run.own_settings import EXTENSIONS, defaults_of, written
 from common.run.stored_config import flag_of
 
 
@@ -20,11 +20,10 @@ def going_on_from(before: Mapping[str, Any], arguments: Sequence[str]) -> list[s
     """
     known, rest = _split(arguments)
     for extension in EXTENSIONS:
-        name, text = known.get(extension.name), before.get(extension.text, "")
-        if name is not None:
+        if (name := known.get(extension.name)) is not None:
             rest += flag_of(extension.name, name)
-        kept = text if name in (None, before.get(extension.name)) else ""
-        if (now := merged(kept, known.get(extension.text), extension.text)) != text:
+        now = extension.going_on(before, known)
+        if now != before.get(extension.text, ""):
             rest += flag_of(extension.text, now)
     return rest
 

@@ -7,6 +7,7 @@ They are a frozen dataclass, with bounds and defaults beside its fields, as in
 
 import json
 import shlex
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import MISSING, asdict, fields
 from typing import Any, Literal, NamedTuple, TypeVar, get_args, get_origin, get_type_hints
@@ -27,12 +28,18 @@ class Extension(NamedTuple):
     """Setting that holds its own settings."""
     registry: Registry[Any]
 
+    def going_on(self, before: Mapping[str, Any], given: Mapping[str, str | None]) -> str:
+        """Returns its own settings, which go on from those ``before``: what is not ``given`` stays,
+        unless another extension or an empty text is. Both are settings by their full names."""
+        same = given.get(self.name) in (None, before.get(self.name))
+        kept = before.get(self.text, "") if same else ""
+        return merged(kept, given.get(self.text), self.text)
 
-EXTENSIONS = (
-    Extension("env", "play.env_settings", ENVIRONMENTS),
-    Extension("play.robot", "play.robot_settings", ROBOTS),
-    Extension("learning.algorithm", "learning.algorithm_settings", ALGORITHMS),
-)
+
+ENVIRONMENT = Extension("env", "play.env_settings", ENVIRONMENTS)
+ROBOT = Extension("play.robot", "play.robot_settings", ROBOTS)
+ALGORITHM = Extension("learning.algorithm", "learning.algorithm_settings", ALGORITHMS)
+EXTENSIONS = (ENVIRONMENT, ROBOT, ALGORITHM)
 
 
 def own_settings(kind: type[T], text: str, where: str = "") -> T:

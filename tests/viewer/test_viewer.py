@@ -163,7 +163,7 @@ def test_another_robot_is_watched_without_the_settings_of_the_former(tmp_path: P
         found = Played(robot="nao").config(weights).play
         assert found == replace(play, robot="nao", robot_settings="")
         found = Played("ale").config(weights).play
-        assert found == replace(play, robot_settings="", env_settings="")
+        assert found == replace(play, env_settings="")
 
 
 def test_weights_that_do_not_fit(tmp_path: Path) -> None:
