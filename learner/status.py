@@ -25,7 +25,16 @@ from common.transport.endpoint import DEFAULT_ENDPOINT
 from common.transport.interface import Transport
 from common.version import VERSION
 from learner.telemetry.health_checks import reasons
-from learner.telemetry.sinks.formats import UNKNOWN, decimal, ended, figure, fill, one_line, written
+from learner.telemetry.sinks.formats import (
+    UNKNOWN,
+    decimal,
+    ended,
+    figure,
+    fill,
+    game_of,
+    one_line,
+    written,
+)
 from replay.chunk_statistics import Progress
 from replay.messages import ProgressRequest
 
@@ -94,9 +103,8 @@ class Report:
         words = f"run {self.run} at {self.endpoint}"
         if learner is not None:
             values = {key: learner.values.get(key) for key in METRICS}
-            atari = values["run/game"] != values["run/env"]
             words += fill(
-                (": {run/game} ({run/env})" if atari else ": {run/env}")
+                (": {run/game} ({run/env})" if game_of(values) else ": {run/env}")
                 + ", preset {run/preset}, {run/phase}, epoch {run/epoch}, {run/agent_steps} steps",
                 values,
             )

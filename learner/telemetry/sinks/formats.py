@@ -51,6 +51,12 @@ def taken(busy: float, memory: int) -> str:
     return f"{cores(busy)}, {size(memory)}"
 
 
+def game_of(values: Values) -> str:
+    """Returns the Atari game that is played; nothing of an environment that has none."""
+    game = values["run/game"]
+    return "" if game == values["run/env"] else str(game)
+
+
 def hardware(values: Values) -> str:
     """Returns the learner's device, and its use of processor, memory and GPU."""
     busy, memory = (number(values, f"run/{name}") for name in ("busy_cores", "memory_bytes"))

@@ -125,8 +125,8 @@ def _grid(*columns: Column, gap: int = 1) -> Table:
 def _header(values: Values, width: int) -> Table:
     env = ENVIRONMENTS.find(str(values["run/env"]))
     title = Text(env.title or env.name, f"bold {_ACCENT}")
-    if env.atari:
-        title.append(f"  {values['run/game']}", "bold default")
+    if game := formats.game_of(values):
+        title.append(f"  {game}", "bold default")
     title.append(f"  run {values['run/run']}", "default")
     grid = _grid(Column(ratio=1), Column(justify="right"))
     device = formats.hardware(values) if width >= _ROOMY else values["run/device"]

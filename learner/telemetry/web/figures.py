@@ -31,7 +31,7 @@ def figures(snapshot: Snapshot) -> dict[str, Any]:
         "run": {
             "name": values["run/run"],
             "env": env.title or env.name,
-            "game": values["run/game"] if env.atari else "",
+            "game": formats.game_of(values),
             **{key: values[f"run/{key}"] for key in ("preset", "phase")},
             "device": formats.hardware(values),
             "join": values.get("run/join"),
