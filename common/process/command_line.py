@@ -8,16 +8,12 @@ import contextlib
 import dataclasses
 import inspect
 import io
-import re
-import shutil
 import sys
-import textwrap
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Annotated, Any, TypeVar, get_type_hints
 
 import tyro
-from tyro import _strings
 
 from common.checked import Count, FromOne, Invalid, build
 from common.errors import InputError, choice
@@ -25,6 +21,7 @@ from common.process.config_file import with_file
 from common.process.exit_codes import table
 from common.process.first_flags import read_first
 from common.process.flag_errors import as_sentence
+from common.process.help_text import wrapped
 from common.process.own_flags import going_on_from, own_help
 from common.registry import ENVIRONMENTS
 from common.run.config import RunConfig
@@ -55,31 +52,6 @@ ALL_RANGES = "--randomise.all"
 """Flag that sets the published range of everything that can be drawn for each game."""
 
 T = TypeVar("T")
-
-
-class _Wrapped(str):
-    """A text whose lines are as they should be."""
-
-
-def _joined_lines(helptext: str) -> str:
-    """Returns each paragraph of ``helptext`` as one line, for tyro to wrap. An indented line, as of
-    a table, stays a line."""
-    if isinstance(helptext, _Wrapped):
-        return helptext
-    return re.sub(r"(?<!\n)\n(?![\n ])", " ", inspect.cleandoc(helptext))
-
-
-# tyro's own function keeps the line breaks of a field's docstring, because its lines are indented.
-_strings.remove_single_line_breaks = _joined_lines
-
-
-def _wrapped(text: str) -> _Wrapped:
-    """Returns a program's description, which tyro does not wrap, in lines that fit the terminal."""
-    columns = shutil.get_terminal_size().columns
-    lines = _joined_lines(text).splitlines()
-    return _Wrapped(
-        "\n".join(line if line[:1] == " " else textwrap.fill(line, columns) for line in lines)
-    )
 
 
 def preset_of(arguments: Sequence[str]) -> RunConfig:
@@ -182,7 +154,7 @@ def parse(
         try:
             # A union of commands has no docstring but Python's own.
             does = (kind.__doc__ or "") if isinstance(kind, type) else ""
-            about = _wrapped(f"{inspect.cleandoc(does)}\n\n{more}Exit codes:\n\n{table()}")
+            about = wrapped(f"{inspect.cleandoc(does)}\n\n{more}Exit codes:\n\n{table()}")
             parsed: T = tyro.cli(
                 kind, prog=command, description=about, args=list(arguments), **given
             )

@@ -1,0 +1,35 @@
+"""What `common.process.help_text` replaces in tyro; `test_command_line.py` has what users see."""
+
+import importlib.util
+import sys
+from types import ModuleType
+
+import pytest
+import tyro
+
+from common.process import help_text
+
+
+def fresh(name: str) -> ModuleType:
+    """A copy of the module ``name`` that nobody has changed."""
+    spec = importlib.util.find_spec(name)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_tyro_still_keeps_the_line_breaks_of_indented_lines() -> None:
+    """Once it joins them, nothing of tyro needs to be replaced."""
+    own = fresh("tyro._strings").remove_single_line_breaks
+    assert own("One paragraph\n    of two lines.") == "One paragraph\n    of two lines."
+    assert tyro._strings.remove_single_line_breaks is help_text._joined_lines
+
+
+def test_a_tyro_without_that_function_does_no_harm(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delattr(tyro, "_strings")
+    monkeypatch.setitem(sys.modules, "tyro._strings", None)
+    assert fresh("common.process.help_text").wrapped("One paragraph\nof two lines.") == (
+        "One paragraph of two lines."
+    )
