@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
+from typing import Protocol
 
 from actors.envs.world import AgentStep, World
 from common.run.conditions import FRAMES_PER_SECOND
@@ -22,13 +23,11 @@ BREATH = 5e-5
 """Seconds that a late world waits between two frames; otherwise the agent's thread starves."""
 
 
-class Lockstep:
-    """A clock that passes the world's agent steps while the agent waits for each of them."""
+class Clock(Protocol):
+    """Passes the agent steps of a world."""
 
-    def __init__(self, world: World) -> None:
-        self.late_frames = 0
-        """Number of frames so far that began more than a frame too late."""
-        self._world = world
+    late_frames: int
+    """Number of frames so far that began more than a frame too late."""
 
     def start(self) -> None:
         """Let time pass, because an episode begins."""
@@ -38,22 +37,42 @@ class Lockstep:
 
     def still(self) -> AbstractContextManager[object]:
         """Returns a context in which the world stands still, so that it can be looked at."""
-        return nullcontext()
 
     def command(self, action: int) -> list[AgentStep]:
         """Give a command; returns the agent steps that passed before it because it came late."""
-        self._world.command(action)
-        return []
 
     def pass_agent_step(self) -> list[AgentStep]:
         """Returns the next agent step, or all of them up to now if several have passed.
 
         Do not call it after an episode's end.
         """
-        return [self._world.finish_agent_step()]
 
     def close(self) -> None:
         """Stop for good; closing twice does no harm."""
+
+
+class Lockstep:
+    """A clock that passes the world's agent steps while the agent waits for each of them."""
+
+    def __init__(self, world: World) -> None:
+        self.late_frames = 0
+        self._world = world
+
+    def start(self) -> None: ...
+
+    def stop(self) -> None: ...
+
+    def still(self) -> AbstractContextManager[object]:
+        return nullcontext()
+
+    def command(self, action: int) -> list[AgentStep]:
+        self._world.command(action)
+        return []
+
+    def pass_agent_step(self) -> list[AgentStep]:
+        return [self._world.finish_agent_step()]
+
+    def close(self) -> None: ...
 
 
 class Deadlines:
@@ -79,7 +98,7 @@ class Deadlines:
         return late
 
 
-class RealTime(Lockstep):
+class RealTime:
     """A clock that passes time by itself, frame by frame, in a thread of its own.
 
     A command takes effect when it comes, and is answered at the end of the agent step that is then
@@ -101,7 +120,8 @@ class RealTime(Lockstep):
         now: Callable[[], float] = time.monotonic,
         wait: Callable[[threading.Condition, float | None], object] = threading.Condition.wait,
     ) -> None:
-        super().__init__(world)
+        self.late_frames = 0
+        self._world = world
         self._wait = wait
         self._deadlines = Deadlines(FRAME / speed, now)
         self._changed = threading.Condition()
@@ -137,7 +157,7 @@ class RealTime(Lockstep):
             return self._take()
 
     def pass_agent_step(self) -> list[AgentStep]:
-        """Returns the next agent steps, as `Lockstep.pass_agent_step`.
+        """Returns the next agent steps, as `Clock.pass_agent_step`.
 
         Raises:
             RuntimeError: the clock is stopped, so no agent step would ever come.

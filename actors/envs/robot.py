@@ -11,7 +11,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from actors.envs.clock import Lockstep, RealTime
+from actors.envs.clock import Clock, Lockstep, RealTime
 from actors.envs.game import AtariGame
 from actors.envs.game_env import GameEnv
 from actors.envs.observation import Observation, shrink
@@ -86,7 +86,9 @@ class RobotEnv(GameEnv):
         """The game as detected in the last picture."""
         self._follows = True
         """Whether the frame changed since the last detection, or the game's own picture did not."""
-        self._clock = Lockstep(self._world) if clock.sync else RealTime(self._world, clock.speed)
+        self._clock: Clock = (
+            Lockstep(self._world) if clock.sync else RealTime(self._world, clock.speed)
+        )
         self._most_agent_steps = play.wait_bound if clock.wait_action else 1
         self._discount = discount
         self._clip_rewards = clip_rewards
