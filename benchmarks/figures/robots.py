@@ -5,7 +5,7 @@ Each row says which of its numbers were measured, in which file, and which are c
 
 import json
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +31,11 @@ _GIGABIT = 125e6
 _FOR_WEIGHTS = 100e6
 """Bytes per second that weights may take."""
 _PAPER: LearningConfig = PRESETS["paper"].learning
+_ROBOTS = np.array(ROBOTS, np.float64)
+_STEPS = _ROBOTS * STEPS_PER_SECOND
+"""Agent steps per second of so many robots."""
+_DUE = _STEPS / _PAPER.train_period
+"""Updates per second that are due for so many steps."""
 SOURCES = ("actor_steps", "many_actors", "peers", "transport")
 """Names of the results from which it is computed."""
 
@@ -50,105 +55,126 @@ def needs(folder: Path) -> Iterator[list[str]]:
 
 
 def _rows(found: Mapping[str, Any]) -> Iterator[list[str]]:
-    # Agent steps per second of a robot's actor on one core, updates per second of a learner on two.
-    actor: float = found["actor_steps"]["robot"]["1"]
-    updates: float = max(
+    # Updates per second of a learner on two cores.
+    updates = max(
         each["ours/s"]
         for each in found["peers"]["rows"]
         if each["work"].startswith(f"updates of {_PAPER.batch_size},")
     )
-    insert, sample = found["transport"]["insert"], found["transport"]["sample"]
-    # Steps per second that a replay accepts while it serves minibatches over Zenoh.
-    inserts: float = found["transport"]["insert_at_once"]["transitions_per_second"]
-    step_bytes = insert["megabytes_per_second"] * 1e6 / insert["transitions_per_second"]
-    batch_bytes = sample["megabytes_per_second"] * 1e6 / sample["calls_per_second"]
-
-    def row(what: str, values: NDArray[np.float64], how: str, limit: str = "") -> list[str]:
-        return [what, *map(cell, values.tolist()), how, limit]
-
-    def at(robots: float) -> str:
-        return f"at {robots:,.0f} robots"
-
-    robots = np.array(ROBOTS, np.float64)
     # For each number of robots, the hub that was measured with the nearest number of actors.
     hubs: list[Mapping[str, Any]] = [
         min(found["many_actors"]["many_actors"], key=lambda hub: abs(math.log(hub["actors"] / n)))
         for n in ROBOTS
     ]
-    steps = robots * STEPS_PER_SECOND
-    due = steps / _PAPER.train_period
-    made = np.minimum(due, updates)
-    weights = made / _PAPER.publish_period * WEIGHTS_BYTES * robots
-    # More robots mean more updates, up to the learner's limit, and all robots get the weights.
-    pace = _GIGABIT * _PAPER.publish_period / WEIGHTS_BYTES
-    full = max(math.sqrt(pace * _PAPER.train_period / STEPS_PER_SECOND), pace / updates)
-    measured = "measured with " + ", ".join(f"{hub['actors']:,}" for hub in hubs) + " actors"
-    most, gigabit = hubs[-1], "1 Gbit/s"
-    yield row("agent steps/s", steps, f"{STEPS_PER_SECOND} of each")
-    yield row(
+    yield from _of_actors(found["actor_steps"]["robot"]["1"])
+    yield from _of_hub(hubs)
+    yield from _of_replay(found["transport"])
+    yield from _of_learner(updates, found["transport"]["sample"])
+    yield from _of_weights(updates, hubs[-1])
+
+
+def _of_actors(actor: float) -> Iterator[list[str]]:
+    """Yields the rows of acting; a robot's ``actor`` plays so many steps per second on a core."""
+    yield _row("agent steps/s", _STEPS, f"{STEPS_PER_SECOND} of each")
+    yield _row(
         "cores for actors",
-        steps / actor,
+        _STEPS / actor,
         f"computed: one core plays {actor:.0f} steps/s",
-        f"a core {at(actor / STEPS_PER_SECOND)}",
+        f"a core {_at(actor / STEPS_PER_SECOND)}",
     )
-    yield row(
+
+
+def _of_hub(hubs: Sequence[Mapping[str, Any]]) -> Iterator[list[str]]:
+    """Yields the rows of connections, from one measured hub for each of `ROBOTS`."""
+    measured = "measured with " + ", ".join(f"{hub['actors']:,}" for hub in hubs) + " actors"
+    most = hubs[-1]
+    yield _row(
         "cores for the hub",
-        np.array([hub["hub_cores"] / hub["actors"] for hub in hubs]) * robots,
+        np.array([hub["hub_cores"] / hub["actors"] for hub in hubs]) * _ROBOTS,
         f"{measured}; scaled to the number",
-        f"a core {at(most['actors'] / most['hub_cores'])}; connections at {MOST_SESSIONS:,}",
+        f"a core {_at(most['actors'] / most['hub_cores'])}; connections at {MOST_SESSIONS:,}",
     )
-    yield row(
+    yield _row(
         "MB of the hub for connections",
-        np.array([hub["hub_bytes_per_actor"] for hub in hubs]) * robots / 1e6,
+        np.array([hub["hub_bytes_per_actor"] for hub in hubs]) * _ROBOTS / 1e6,
         f"{measured}; scaled to the number",
     )
     p99 = np.array([hub["p99_ms"] for hub in hubs])
-    yield row("p99 ms until a chunk is acknowledged", p99, measured)
-    yield row(
+    yield _row("p99 ms until a chunk is acknowledged", p99, measured)
+
+
+def _of_replay(transport: Mapping[str, Any]) -> Iterator[list[str]]:
+    """Yields the rows of the steps that the replay takes."""
+    # Steps per second that it accepts while it serves minibatches over Zenoh.
+    inserts: float = transport["insert_at_once"]["transitions_per_second"]
+    insert = transport["insert"]
+    step_bytes = insert["megabytes_per_second"] * 1e6 / insert["transitions_per_second"]
+    yield _row(
         "share of what the replay takes",
-        steps / inserts,
+        _STEPS / inserts,
         f"computed: it took {inserts:,.0f} steps/s beside draws over Zenoh",
-        at(inserts / STEPS_PER_SECOND),
+        _at(inserts / STEPS_PER_SECOND),
     )
-    yield row(
+    yield _row(
         "MB/s of chunks",
-        steps * step_bytes / 1e6,
+        _STEPS * step_bytes / 1e6,
         f"computed: {step_bytes / 1e3:.1f} kB a step",
-        f"{gigabit} {at(_GIGABIT / step_bytes / STEPS_PER_SECOND)}",
+        f"1 Gbit/s {_at(_GIGABIT / step_bytes / STEPS_PER_SECOND)}",
     )
-    yield row(
+
+
+def _of_learner(updates: float, sample: Mapping[str, Any]) -> Iterator[list[str]]:
+    """Yields the rows of learning, for a learner that makes so many ``updates`` per second."""
+    batch_bytes = sample["megabytes_per_second"] * 1e6 / sample["calls_per_second"]
+    yield _row(
         f"updates/s, one per {_PAPER.train_period} steps",
-        due,
+        _DUE,
         "computed",
-        f"two cores {at(updates * _PAPER.train_period / STEPS_PER_SECOND)}",
+        f"two cores {_at(updates * _PAPER.train_period / STEPS_PER_SECOND)}",
     )
-    yield row(
+    yield _row(
         "learners of two cores that it would take",
-        due / updates,
+        _DUE / updates,
         f"computed: two cores make {updates:.0f} updates/s; there is one learner",
     )
-    yield row(
+    yield _row(
         "`--learning.train-period` that one such learner keeps up with",
-        np.maximum(_PAPER.train_period, np.ceil(steps / updates)),
+        np.maximum(_PAPER.train_period, np.ceil(_STEPS / updates)),
         "computed",
     )
-    yield row(
+    yield _row(
         "MB/s of minibatches, if replay and learner are on two machines",
-        made * batch_bytes / 1e6,
+        np.minimum(_DUE, updates) * batch_bytes / 1e6,
         f"computed: {batch_bytes / 1e6:.1f} MB each, at most {updates:.0f}/s",
-        f"{gigabit} at {_GIGABIT / batch_bytes:.0f} updates/s",
+        f"1 Gbit/s at {_GIGABIT / batch_bytes:.0f} updates/s",
     )
-    yield row(
+
+
+def _of_weights(updates: float, hub: Mapping[str, Any]) -> Iterator[list[str]]:
+    """Yields the rows of the weights that such a learner publishes to all robots."""
+    weights = np.minimum(_DUE, updates) / _PAPER.publish_period * WEIGHTS_BYTES * _ROBOTS
+    # More robots mean more updates, up to the learner's limit, and all robots get the weights.
+    pace = _GIGABIT * _PAPER.publish_period / WEIGHTS_BYTES
+    full = max(math.sqrt(pace * _PAPER.train_period / STEPS_PER_SECOND), pace / updates)
+    yield _row(
         f"MB/s of weights, each {_PAPER.publish_period} updates",
         weights / 1e6,
         f"computed: {WEIGHTS_BYTES / 1e6:.1f} MB to each robot's process; measured: "
-        f"{most['weights_arrived']:,} of {most['actors']:,} actors had one in "
-        f"{most['weights_seconds']:.1f} s",
-        f"{gigabit} {at(full)}",
+        f"{hub['weights_arrived']:,} of {hub['actors']:,} actors had one in "
+        f"{hub['weights_seconds']:.1f} s",
+        f"1 Gbit/s {_at(full)}",
     )
     period = np.ceil(_PAPER.publish_period * weights / _FOR_WEIGHTS)
-    yield row(
+    yield _row(
         f"`--learning.publish-period` for {_FOR_WEIGHTS / 1e6:.0f} MB/s of them",
         np.maximum(_PAPER.publish_period, period),
         "computed",
     )
+
+
+def _row(what: str, values: NDArray[np.float64], how: str, limit: str = "") -> list[str]:
+    return [what, *map(cell, values.tolist()), how, limit]
+
+
+def _at(robots: float) -> str:
+    return f"at {robots:,.0f} robots"
