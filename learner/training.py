@@ -23,6 +23,7 @@ from learner.broadcast import Broadcast
 from learner.checkpoint import Checkpoint
 from learner.clock import RunClock
 from learner.evaluation.coordinator import EvaluationCoordinator
+from learner.farewell import Farewell
 from learner.health_guard import HealthGuard
 from learner.insist import insist
 from learner.loss_guard import LossGuard
@@ -40,12 +41,6 @@ _LOOK_SECONDS = 0.25
 _MEASURE_SECONDS = 30.0
 _LEAST_PHASE = 0.1
 """Minimum share of an epoch that a run's last steps need to count as an epoch of their own."""
-_FAREWELL = 60.0
-"""Seconds that the actors, and then the evaluators, of a finished run have to leave. A process that
-has not heard of the end by then waits for a learner that never comes back."""
-_LONGEST_GAME = 3_600.0
-"""Seconds without a report from an evaluator after which the last tests are given up. A whole game
-in real time lasts at most half of it."""
 T = TypeVar("T")
 
 
@@ -309,45 +304,16 @@ class Learner:
     def _conclude(self) -> None:
         """Lets the actors hand in their last chunks, and has the last epoch tested."""
         self._batches.close()
-        self._look_while(lambda: self.registry.alive("actor"), _FAREWELL)
+        farewell = Farewell(
+            self.evaluation,
+            self.registry,
+            self._children,
+            look=self._look,
+            say=self.telemetry.say,
+            now=self.clock.now,
+            stop=self.stop,
+        )
+        farewell.of_actors()
         if self.phases.phase_steps >= _LEAST_PHASE * self.phases.phase_length:
             self._end_phase()
-        self.evaluation.finish()
-        if self.evaluation.pending and not self._evaluator_expected():
-            self.telemetry.say(
-                "There is no evaluator, so epochs stay untested: "
-                "start `python -m actors --evaluator` beside the learner next time."
-            )
-        self._look_while(
-            lambda: self.evaluation.pending and self._evaluator_expected(),
-            _LONGEST_GAME,
-            progress=lambda: (self.evaluation.pending, self.evaluation.steps_left),
-        )
-        if self.evaluation.pending and self._evaluator_expected() and not self.stop.is_set():
-            self.telemetry.say(
-                f"No game of a test has ended in {_LONGEST_GAME / 60:g} minutes, so epochs stay "
-                "untested: check whether the evaluators play."
-            )
-        self._look_while(lambda: self.registry.alive("evaluator"), _FAREWELL)
-
-    def _evaluator_expected(self) -> bool:
-        """Returns whether an evaluator is present, or is a local child that has not joined yet."""
-        starting = self._children is not None and self._children.works("evaluator")
-        return starting or bool(self.registry.alive("evaluator"))
-
-    def _look_while(
-        self,
-        busy: Callable[[], object],
-        patience: float,
-        progress: Callable[[], object] = lambda: None,
-    ) -> None:
-        """Waits while ``busy`` returns something true, at most ``patience`` seconds without a
-        change of ``progress``."""
-        self._look()
-        before, ends = progress(), self.clock.now() + patience
-        while busy() and self.clock.now() < ends and not self.stop.wait(_TICK):
-            if (now := progress()) != before:
-                before, ends = now, self.clock.now() + patience
-            if self._look_schedule.is_due():
-                self._look()
-        self._look()
+        farewell.of_evaluators()

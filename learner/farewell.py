@@ -1,0 +1,78 @@
+"""The waits at the end of a run: for its actors, its last tests and its evaluators."""
+
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from common.process.supervisor import Supervisor
+from common.schedule import Now
+from learner.evaluation.coordinator import EvaluationCoordinator
+from learner.telemetry.actor_registry import ActorRegistry
+
+_LOOK_SECONDS = 0.25
+_TO_LEAVE = 60.0
+"""Seconds that the actors, and then the evaluators, of a finished run have to leave. A process that
+has not heard of the end by then waits for a learner that never comes back."""
+_LONGEST_GAME = 3_600.0
+"""Seconds without a report from an evaluator after which the last tests are given up. A whole game
+in real time lasts at most half of it."""
+
+
+@dataclass(frozen=True)
+class Farewell:
+    """Waits for the processes of a run whose steps have all been played, or until ``stop``."""
+
+    evaluation: EvaluationCoordinator
+    registry: ActorRegistry
+    children: Supervisor | None
+    """Local mode's actors and evaluators."""
+    look: Callable[[], None]
+    """Takes in what happened in other processes."""
+    say: Callable[[str], None]
+    now: Now
+    stop: threading.Event
+
+    def of_actors(self) -> None:
+        """Lets the actors hand in their last chunks and leave."""
+        self._look_while(lambda: self.registry.alive("actor"), _TO_LEAVE)
+
+    def of_evaluators(self) -> None:
+        """Lets the evaluators play the last tests and leave; says so if epochs stay untested."""
+        self.evaluation.finish()
+        if self.evaluation.pending and not self._evaluator_expected():
+            self.say(
+                "There is no evaluator, so epochs stay untested: "
+                "start `python -m actors --evaluator` beside the learner next time."
+            )
+        self._look_while(
+            lambda: self.evaluation.pending and self._evaluator_expected(),
+            _LONGEST_GAME,
+            progress=lambda: (self.evaluation.pending, self.evaluation.steps_left),
+        )
+        if self.evaluation.pending and self._evaluator_expected() and not self.stop.is_set():
+            self.say(
+                f"No game of a test has ended in {_LONGEST_GAME / 60:g} minutes, so epochs stay "
+                "untested: check whether the evaluators play."
+            )
+        self._look_while(lambda: self.registry.alive("evaluator"), _TO_LEAVE)
+
+    def _evaluator_expected(self) -> bool:
+        """Returns whether an evaluator is present, or is a local child that has not joined yet."""
+        starting = self.children is not None and self.children.works("evaluator")
+        return starting or bool(self.registry.alive("evaluator"))
+
+    def _look_while(
+        self,
+        busy: Callable[[], object],
+        patience: float,
+        progress: Callable[[], object] = lambda: None,
+    ) -> None:
+        """Waits while ``busy`` returns something true, at most ``patience`` seconds without a
+        change of ``progress``."""
+        self.look()
+        before, ends = progress(), self.now() + patience
+        while busy() and self.now() < ends and not self.stop.wait(_LOOK_SECONDS):
+            self.look()
+            if (now := progress()) != before:
+                before, ends = now, self.now() + patience
+        self.look()
