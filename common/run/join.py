@@ -52,36 +52,32 @@ def find_run(
 ) -> tuple[RunKeys, RunConfig]:
     """Returns the run called ``name``, or the only run, at the hub of ``transport``.
 
-    Without a name, runs of other versions at a shared hub are logged and skipped, and so are, in
-    silence, runs whose settings cannot work here, as long as another one is found.
+    A run of another version, or whose settings cannot work here, is refused at once if it is named.
+    Without a name it is passed over, and logged while no other run is found.
 
     Args:
         certificates: folder of the certificates with which this process connected. A hub does not
             answer roles that may not ask.
 
     Raises:
-        InputError: there is no run within ``patience`` seconds, or several, or it has another
-            version, or its settings cannot work here.
+        InputError: there is no run within ``patience`` seconds, or several, or none that can work
+            here.
         KeyboardInterrupt: ``stopped`` became true.
     """
     if name is not None:
         check_name("run", name)
     began = time.monotonic()
-    malformed: InputError | None = None
+    unfit: dict[str, InputError] = {}
     while True:
         found: dict[str, Announcement] = {}
-        unfit: dict[str, InputError] = {}
         for answer in transport.gather(RunKeys(name or "*").config, _DEADLINE):
             try:
                 told = Announcement.decode(answer.payload)
             except MessageError as error:
-                malformed = InputError(
+                unfit[answer.key] = InputError(
                     f"the hub does not speak this version's language ({error}): "
                     "install the same version on both machines."
                 )
-                if name is not None:
-                    raise malformed from None
-                _log.warning("what %s announces is passed over: %s", answer.key, error)
                 continue
             except InputError as error:
                 unfit[answer.key] = error
@@ -95,15 +91,16 @@ def find_run(
         if found:
             _, told = found.popitem()
             return RunKeys(told.run, told.run_id), told.config
-        if unfit:
+        over = time.monotonic() - began >= patience
+        if unfit and (over or name is not None):
             raise unfit[min(unfit)]
         if stopped():
             raise KeyboardInterrupt
-        if time.monotonic() - began >= patience:
-            if malformed is not None:
-                raise malformed
+        if over:
             raise Unreachable(
                 f"the hub serves no run{f' called {name!r}' if name else ''}: "
                 "start a learner there." + ("" if certificates is None else _DENIED)
             )
+        for key, reason in unfit.items():
+            _log.warning("what %s announces is passed over: %s", key, reason)
         time.sleep(_PAUSE)

@@ -71,7 +71,7 @@ def test_of_runs_that_cannot_be_played_here_one_is_told(hub: Transport, client: 
     announce(hub, "b", Announcement("b", replace(FAST, env="unheard-of"), 6, "id-b").encode())
     announce(hub, "a", Announcement("a", FAST, FAST.action_count + 1, "id-a").encode())
     with pytest.raises(InputError, match=r"has 7 actions at the hub and 6 here"):
-        find_run(client, None, PATIENCE, never)
+        find_run(client, None, 0.0, never)
 
 
 def test_who_answers_for_one_run_cannot_speak_of_another(hub: Transport, client: Transport) -> None:
@@ -141,16 +141,17 @@ def test_a_hub_of_another_version_is_told(hub: Transport, client: Transport) -> 
         service.close()
 
 
-def test_who_announces_garbage_at_a_shared_hub_keeps_nobody_from_the_run(
+def test_who_announces_what_cannot_be_played_keeps_nobody_from_a_run_that_comes_later(
     hub: Transport, client: Transport, caplog: pytest.LogCaptureFixture
 ) -> None:
     announce(hub, "bad", b"garbage")
+    announce(hub, "unfit", Announcement("unfit", FAST, FAST.action_count + 1, "id").encode())
     announce(hub, "worse", announcement("*", FAST))
     found = find_run(client, None, PATIENCE, begins_after_two_looks(hub, "one"))
     assert found == (RunKeys("one", "id-one"), FAST)
     passed_over = sorted(record.getMessage().split(":")[0] for record in caplog.records)
     assert passed_over == [
-        f"what {RunKeys(run).config} announces is passed over" for run in ("bad", "worse")
+        f"what {RunKeys(run).config} announces is passed over" for run in ("bad", "unfit", "worse")
     ]
 
 
