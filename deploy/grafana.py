@@ -29,7 +29,7 @@ _FIRST: dict[str, tuple[str, ...]] = {
         f"stream/chunks_{what}" for what in ("acked", "retried", "duplicate", "refused")
     ),
     "Steps in the replay": ("stream/stored", "stream/samplable", "stream/capacity"),
-    "Actors": ("stream/actors_alive", "stream/actors_present"),
+    "Actors": tuple(f"stream/actors_{which}" for which in ("alive", "present", "starting")),
     "Hands: time until the commanded keys are down": ("hands/press_p50", "hands/press_p99"),
     "Sight and touch": ("play/valid_frame_share", "play/press_match_share"),
     "Memory and files": ("run/memory_bytes", "replay/private_bytes", "replay/file_bytes"),

@@ -273,8 +273,16 @@ class Learner:
             "learning/updates": self.phases.updates,
             "learning/skipped": self.losses.skipped,
             "stream/weights_version": self.broadcast.version,
+            "stream/actors_starting": self._starting,
             "evaluation/steps_left": self.evaluation.steps_left,
         }
+
+    @property
+    def _starting(self) -> int:
+        """Number of local mode's children that have not joined yet. They take seconds to start."""
+        if self._children is None:
+            return 0
+        return len(self._children.at_work() - {each.stats.name for each in self.registry.actors()})
 
     def _check_health(self, checks: Sequence[HealthCheck]) -> None:
         """Ends an unhealthy run, unless it only waits for its last tests."""

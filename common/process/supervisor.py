@@ -198,10 +198,15 @@ class Supervisor:
 
     def works(self, role: str) -> bool:
         """Whether a child with a name such as ``role-1`` is at work, or about to be restarted."""
-        return any(
-            name.startswith(f"{role}-") and (name in self._due or child.poll() is None)
+        return any(name.startswith(f"{role}-") for name in self.at_work())
+
+    def at_work(self) -> set[str]:
+        """Returns the names of the children that are at work, or about to be restarted."""
+        return {
+            name
             for name, child in self._children.items()
-        )
+            if name in self._due or child.poll() is None
+        }
 
     def ask_to_leave(self) -> None:
         """Ask all children to end; none is restarted."""

@@ -8,6 +8,7 @@ import threading
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import partial
+from itertools import groupby
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -115,6 +116,8 @@ class World:
         """Whether there is no room even for a checkpoint."""
         self.first = 0
         """Chunk from which a resumed learner counts."""
+        self.starting: list[Any] = []
+        """Children that had not joined at each look."""
 
     def passes(self, seconds: float) -> None:
         self.now += seconds
@@ -202,6 +205,10 @@ class World:
 
     # ---------------------------------------------------------------- the learner
 
+    def report(self, values: Values, replay: Progress) -> tuple[HealthCheck, ...]:
+        self.starting.append(values["stream/actors_starting"])
+        return self.checks
+
     def summarise(self, values: Values, replay: Progress) -> None:
         self.summed_steps = replay.agent_steps
         self.log.append(("summary", values["learning/updates"]))
@@ -259,6 +266,10 @@ class World:
             ),
             "registry": SimpleNamespace(
                 alive=lambda role: self.actors if role == "actor" else self.evaluators,
+                actors=lambda: [
+                    SimpleNamespace(stats=SimpleNamespace(name=name))
+                    for name in self.actors | self.evaluators
+                ],
                 state=lambda: ["a"],
                 restore=lambda state: self.log.append(("actors", state)),
                 accepted=lambda chunk: self.credited.append(chunk.index),
@@ -270,7 +281,7 @@ class World:
                 update=lambda batch, result: None,
                 note=self.said.append,
                 say=self.said.append,
-                report=lambda values, replay: self.checks,
+                report=self.report,
                 close=self.summarise,
             ),
             "checkpoint": SimpleNamespace(path="FILE", save=self.save, check_room=self.check_room),
@@ -749,14 +760,25 @@ def test_a_replay_that_lost_more_steps_than_a_warm_up_is_refused(beyond: int) ->
     assert (again.checkpoints, again.published) == ([], [])
 
 
+def children_of_local_mode(**calls: Callable[..., Any]) -> Any:
+    """Children that do nothing, except for these ``calls``."""
+    nothing: dict[str, Callable[..., Any]] = {
+        "watch": lambda *, finished: [],
+        "at_work": set,
+        "works": lambda role: False,
+        "ask_to_leave": lambda: None,
+        "close": lambda: None,
+    }
+    return SimpleNamespace(**nothing | calls)
+
+
 def test_local_modes_children_are_watched_and_asked_to_leave() -> None:
     world = World()
     world.stops_at(60)
-    children: Any = SimpleNamespace(
+    children = children_of_local_mode(
         watch=lambda *, finished: ["actor-1 ended by signal 9, started again"],
         ask_to_leave=lambda: world.log.append("children may leave"),
         close=lambda: world.log.append("children have left"),
-        works=lambda role: False,
     )
     learner = world.learner()
     learner.start()
@@ -771,15 +793,28 @@ def test_local_modes_children_are_watched_and_asked_to_leave() -> None:
     ]
 
 
+def test_local_modes_children_are_starting_until_they_join() -> None:
+    world = World(evaluators=set())
+    at_work = {"actor-1", "evaluator-1"}
+    world.once(lambda: world.updates >= 100, lambda: world.actors.add("actor-1"))
+    world.once(lambda: world.updates >= 200, at_work.clear)  # one that never joined
+    world.stops_at(300)
+    learner = world.learner()
+    learner.start()
+    learner.run(children_of_local_mode(at_work=lambda: at_work))
+    assert [count for count, _ in groupby(world.starting)] == [2, 1, 0]
+    alone = World()
+    alone.stops_at(60)
+    run(alone)
+    assert {*alone.starting} == {0}
+
+
 def test_the_summary_has_the_last_chunks_of_local_modes_actors() -> None:
     world = World()
     world.stops_at(60)
-    children: Any = SimpleNamespace(
-        watch=lambda *, finished: [], ask_to_leave=lambda: None, close=lambda: world.play(4)
-    )
     learner = world.learner()
     learner.start()
-    learner.run(children)
+    learner.run(children_of_local_mode(close=lambda: world.play(4)))
     assert world.summed_steps == world.agent_steps
 
 
@@ -801,11 +836,7 @@ def test_a_full_disk_at_the_last_checkpoint_costs_neither_summary_nor_children()
         world.stop.set()
 
     world.once(lambda: world.updates >= 60, fill_up_and_stop)
-    children: Any = SimpleNamespace(
-        watch=lambda *, finished: [],
-        ask_to_leave=lambda: world.log.append("children may leave"),
-        close=lambda: None,
-    )
+    children = children_of_local_mode(ask_to_leave=lambda: world.log.append("children may leave"))
     learner = world.learner()
     learner.start()
     with pytest.raises(OSError, match="No space left"):
@@ -822,9 +853,8 @@ def test_children_that_cannot_start_end_the_run_with_everything_kept() -> None:
     def watch(*, finished: bool) -> list[str]:
         raise InputError("actor-1 cannot start")
 
-    children: Any = SimpleNamespace(watch=watch, ask_to_leave=lambda: None, close=lambda: None)
     learner = world.learner()
     learner.start()
     with pytest.raises(InputError, match="cannot start"):
-        learner.run(children)
+        learner.run(children_of_local_mode(watch=watch))
     assert world.log[-2:] == [("checkpoint", world.updates), ("summary", world.updates)]

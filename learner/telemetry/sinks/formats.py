@@ -173,7 +173,7 @@ def progress_of(values: Values) -> tuple[Progress, ...]:
 
 
 def troubles(values: Values) -> str:
-    """Returns the counts of what went wrong, each after a comma: ``, 12k late, 3 gave up``."""
+    """Returns the counts behind the number of actors, each after a comma: ``, 12k late``."""
     sums: dict[str, int] = {}
     for key, value in values.items():
         if (word := METRICS[key].trouble) and isinstance(value, int):

@@ -198,6 +198,7 @@ def test_a_child_that_pauses_is_on_its_way_unless_it_was_asked_to_leave(
         notes_of(children)
     assert children.works("actor")
     assert not children.works("evaluator")
+    assert children.at_work() == {"actor-1"}
     children.ask_to_leave()
     assert not children.works("actor")
     clock.now += 1.0

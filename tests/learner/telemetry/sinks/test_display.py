@@ -211,6 +211,18 @@ def test_what_went_wrong_with_time_is_shown() -> None:
     assert "0 retried " in row
 
 
+def test_actors_that_have_not_joined_yet_are_starting() -> None:
+    early: dict[str, Value] = {
+        "stream/actors_alive": 0,
+        "stream/actors_present": 0,
+        "stream/actors_starting": 2,
+    }
+    status = changed(STATUS, early, actors=())
+    assert "Actors 0/0, 2 starting " in "\n".join(drawn(status))
+    (line,) = Recorder().said(status)
+    assert " | 0 of 0 actors, 2 starting | " in line
+
+
 def test_every_figure_is_there_at_80_by_24() -> None:
     text = "\n".join(drawn(STATUS))
     for pattern in (
