@@ -2,6 +2,7 @@
 
 import json
 import sys
+import textwrap
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -12,7 +13,7 @@ from rich.console import Console
 from rich.table import Table
 
 from common.checked import MAX_COUNT, Patience
-from common.errors import MessageError, Unreachable, exit_on_input_error
+from common.errors import InputError, MessageError, Unreachable, exit_on_input_error
 from common.metrics import METRICS
 from common.process.command_line import parse
 from common.process.exit_codes import DONE, FAILED
@@ -100,15 +101,21 @@ class Report:
         the terminal.
         """
         learner, replay = self.learner, self.replay
+
+        def say(text: str, style: str = "") -> None:
+            # Rich would leave a blank at the end of a line that it breaks.
+            lines = textwrap.wrap(one_line(text), console.width, break_on_hyphens=False)
+            console.print("\n".join(lines), style=style)
+
         words = f"run {self.run} at {self.endpoint}"
-        if learner is not None:
+        if learner is None:
+            say(words)
+        else:
             values = {key: learner.values.get(key) for key in METRICS}
-            words += fill(
-                (": {run/game} ({run/env})" if game_of(values) else ": {run/env}")
-                + ", preset {run/preset}, {run/phase}, epoch {run/epoch}, {run/agent_steps} steps",
-                values,
-            )
-        console.print(one_line(words))
+            played = "{run/game} ({run/env})" if game_of(values) else "{run/env}"
+            say(f"{words}: {fill(played, values)}")
+            now = "preset {run/preset}, {run/phase}, epoch {run/epoch}, {run/agent_steps} steps"
+            say(fill(now, values))
         columns = ("process", "state", "version", "rate", "behind", "heard")
         table = Table(*columns, box=box.SIMPLE, padding=(0, 1, 0, 0))
         stored = f"{replay.stored:,} steps"
@@ -123,20 +130,19 @@ class Report:
                 "score: training {play/train_reward}, test {play/test_reward}, "
                 "best test {play/best_test_reward}, random {play/random_reward}",
             ):
-                console.print(one_line(fill(line, values)))
+                say(fill(line, values))
             for check in learner.checks:
                 if check.passed is False and not check.stops:
                     value = written("significant", check.value)
-                    told = f"warning: {check.name} is {value}, not {check.bound}: {check.why}"
-                    console.print(one_line(told))
+                    say(f"warning: {check.name} is {value}, not {check.bound}: {check.why}")
         for reason in self.reasons:
-            console.print(one_line(f"RED: {reason}"), style="red")
+            say(f"RED: {reason}", "red")
         if not self.reasons:
-            console.print("healthy", style="green")
+            say("healthy", "green")
 
 
 def _rows(learner: RunStatus | None) -> Iterator[tuple[str, ...]]:
-    """Yields one row for the learner and one for each of its actors."""
+    """Yields one row for the learner, one for each of its actors, and one for those that start."""
     if learner is None:
         yield ("learner", "does not answer", *[UNKNOWN] * 4)
         return
@@ -154,6 +160,8 @@ def _rows(learner: RunStatus | None) -> Iterator[tuple[str, ...]]:
             f"{actor.lag:,} updates" if actor.role == "actor" else UNKNOWN,
             _ago(actor.silent_for),
         )
+    if learner.values.get("stream/actors_starting"):
+        yield fill("{stream/actors_starting} more", learner.values), "starting", *[UNKNOWN] * 4
 
 
 def _ago(seconds: float) -> str:
@@ -194,6 +202,11 @@ def ask(
 def main(arguments: Sequence[str] | None = None) -> int:
     """Prints the status of a run; returns the exit code, which says whether the run is healthy."""
     given = sys.argv[1:] if arguments is None else arguments
+    if given and not given[0].startswith("-"):  # a run's folder does not tell the run's address
+        raise InputError(
+            f"status asks a running learner, not {given[0]}: give the learner's address with "
+            f"--connect, or nothing if it is {DEFAULT_ENDPOINT}."
+        )
     options = parse(StatusOptions, "learner.status", given)
     with connect(
         options.connect, options.patience, role="learner", certificates=options.certificates

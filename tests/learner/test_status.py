@@ -14,7 +14,7 @@ import pytest
 from rich.console import Console
 
 from common.checked import MAX_COUNT
-from common.errors import Unreachable
+from common.errors import InputError, Unreachable
 from common.process.exit_codes import DONE, FAILED
 from common.protocol.actor_stats import ActorStats
 from common.protocol.run_keys import RunKeys
@@ -83,7 +83,8 @@ def test_a_healthy_run(client: Transport) -> None:
     assert report.reasons == []
     text = shown(report)
     for words in (
-        "run pong-1 at tcp/here: pong (ale), preset fast, training, epoch 2, 8,000 steps",
+        "run pong-1 at tcp/here: pong (ale)\n",
+        "preset fast, training, epoch 2, 8,000 steps\n",
         "8 steps ",
         "12.5 updates/s",
         "71.2 steps/s",
@@ -125,7 +126,7 @@ def shown(report: Report, width: int = 120) -> str:
 )
 def test_it_tells_what_is_played(client: Transport, env: str, game: str, told: str) -> None:
     StatusSink(client, KEYS).write(snapshot({"run/env": env, "run/game": game}))
-    assert f": {told}, preset fast" in shown(ask(client, KEYS, "tcp/here"))
+    assert f": {told}\npreset fast, " in shown(ask(client, KEYS, "tcp/here"))
 
 
 def test_no_process_can_steer_the_terminal_of_who_asks(client: Transport) -> None:
@@ -143,7 +144,35 @@ def test_no_process_can_steer_the_terminal_of_who_asks(client: Transport) -> Non
     wicked_too = replace(report, replay=replace(report.replay, version=wicked))
     lines = shown(wicked_too).split("\n")
     assert all(line.isprintable() for line in lines)
-    assert sum("mine" in line for line in lines) == 6
+    assert sum("mine" in line for line in lines) == 7
+
+
+def test_what_is_longer_than_a_line_breaks_without_a_blank_at_its_end(client: Transport) -> None:
+    checks = tuple(check._replace(why="it is slow " * 9) for check in (*NOW.checks, RED))
+    StatusSink(client, KEYS).write(replace(NOW, checks=checks))
+    lines = shown(ask(client, KEYS, "tcp/127.0.0.1:7447"), 80).splitlines()
+    assert lines[0] == "run pong-1 at tcp/127.0.0.1:7447: pong (ale)"
+    assert lines[1] == "preset fast, training, epoch 2, 8,000 steps"
+    sentences = [line for line in lines if not re.search("  |─", line)]  # and no part of the table
+    assert sum("it is slow" in line for line in sentences) == 4  # a warning and a reason
+    assert not any(line.endswith(" ") for line in sentences)
+
+
+def test_processes_that_have_not_joined_yet_have_a_row(client: Transport) -> None:
+    sink = StatusSink(client, KEYS)
+    rows = []
+    for starting in (2, 0):
+        sink.write(snapshot({"stream/actors_starting": starting}))
+        rows.append(re.findall(r"(\d more) +starting ", shown(ask(client, KEYS, ""))))
+    assert rows == [["2 more"], []]
+
+
+def test_what_is_no_flag_is_told_how_a_learner_is_asked() -> None:
+    words = (
+        r"^status asks a running learner, not runs/r: give .* with --connect, or nothing if .*\.$"
+    )
+    with pytest.raises(InputError, match=words):
+        main(["runs/r"])
 
 
 def test_what_liars_count_hides_nothing(client: Transport) -> None:
