@@ -20,7 +20,7 @@ class RunningMeans:
     def __init__(self) -> None:
         self._names: tuple[str, ...] = ()
         self._sums: torch.Tensor | None = None
-        self._weight = 0.0
+        """Weighted sums of the figures, and last of the weights."""
         self._updates = 0
 
     def add(self, batch: DeviceBatch, result: Update) -> None:
@@ -41,23 +41,25 @@ class RunningMeans:
                 f"an update returned {', '.join(figures)}, earlier ones {', '.join(self._names)}: "
                 "return the same metrics from every update."
             )
-        # Without this, one non-finite minibatch would stay in the means for ever.
-        latest = torch.stack(tuple(figures.values())).nan_to_num(0.0, 0.0, 0.0)
+        latest = torch.stack((*figures.values(), torch.ones_like(result.loss)))
+        before = torch.zeros_like(latest) if self._sums is None else self._sums
         keep = (1 - 1 / HORIZON) ** EVERY
         self._names = tuple(figures)
-        self._sums = latest if self._sums is None else self._sums * keep + latest
-        self._weight = self._weight * keep + 1
+        # A non-finite minibatch would stay in the means for ever.
+        self._sums = torch.where(latest.isfinite().all(), before * keep + latest, before)
 
     def values(self) -> dict[str, Value]:
-        """Returns the means under ``learning/``; none before the first update.
+        """Returns the means under ``learning/``, without minibatches that have a non-finite figure;
+        none before the first update.
 
         The relative TD error is the mean of δ², divided by the variance of the targets in the same
         samples: the share of that variance that the values leave unexplained. A network that
         answers the same to all that it sees has 1 or more. It is unknown if targets do not vary.
         """
-        if self._sums is None:
+        *sums, weight = [0.0] if self._sums is None else self._sums.tolist()
+        if not weight:
             return {}
-        means = dict(zip(self._names, (self._sums / self._weight).tolist(), strict=True))
+        means = {name: each / weight for name, each in zip(self._names, sums, strict=True)}
         target, square = means.pop("target"), means.pop("target_squared")
         variance = square - target * target
         varies = variance > _ROUNDING * square

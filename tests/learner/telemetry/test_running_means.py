@@ -85,9 +85,22 @@ def test_an_algorithm_that_tells_other_figures_now_and_then_is_refused() -> None
         means.add(batch, other)
 
 
-def test_a_loss_that_is_not_finite_does_not_stay() -> None:
+@pytest.mark.parametrize("loss", [float("nan"), float("inf"), -float("inf")])
+def test_a_minibatch_that_is_not_finite_does_not_count(loss: float) -> None:
+    spoilt = updated(loss, torch.full((8,), loss)), random_batch(seed=1)
+    whole = [(updated(loss, loss * TARGETS), random_batch(seed=int(loss))) for loss in (2.0, 5.0)]
+    told = []
+    for updates in ([spoilt, whole[0], spoilt, whole[1], spoilt], whole):
+        means = RunningMeans()
+        for result, batch in updates:
+            for _ in range(EVERY):
+                means.add(batch, result)
+        told.append(means.values())
+    assert told[0] == told[1]
+    assert told[0].keys() >= {"learning/loss", "learning/pixel_deviation"}
+
+
+def test_nothing_is_known_while_no_minibatch_is_finite() -> None:
     means = RunningMeans()
-    for loss in (float("nan"), 1.0, 1.0):
-        for _ in range(EVERY):
-            means.add(random_batch(), updated(loss, torch.full((8,), loss)))
-    assert means.values()["learning/loss"] == pytest.approx(2 / 3, rel=0.02)
+    means.add(random_batch(), updated(float("nan"), torch.full((8,), float("nan"))))
+    assert means.values() == {}
