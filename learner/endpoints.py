@@ -7,12 +7,13 @@ from contextlib import ExitStack, closing, contextmanager
 from common.errors import InputError
 from common.process.extras import extra_for
 from common.process.http_endpoints import http_endpoints
+from common.protocol.run_keys import RunKeys
 from common.run.folder import RunFolder
 from common.run.join import find_run, patiently
 from common.run.stored_config import differences
 from common.transport.chosen import connect, open_hub
 from common.transport.flood_guard import tolerated
-from common.transport.interface import Transport
+from common.transport.interface import Transport, Unanswered
 from learner.options import LearnerOptions, web_address
 from learner.telemetry.sinks.sink import Sink
 from replay.client import RemoteReplay
@@ -55,7 +56,7 @@ def open_replay(
                 f"the replay at {endpoint} serves {folder.name} with another configuration "
                 f"({'; '.join(unequal[:5])}): give both processes the same flags."
             )
-        if transport.gather(keys.status, _DEADLINE):
+        if _has_learner(transport, keys):
             raise InputError(
                 f"another learner trains {folder.name} at {endpoint}, and actors would play by the "
                 "weights of both: end that one first, or begin another run."
@@ -68,6 +69,14 @@ def open_replay(
 
         threading.Thread(target=let_go, name="let-go", daemon=True).start()
         yield transport, replay, endpoint
+
+
+def _has_learner(transport: Transport, keys: RunKeys) -> bool:
+    """Returns whether a learner answers for the run. One that starts, which takes long if it sends
+    demonstrations, only refuses to tell its status."""
+    with closing(transport.requester(keys.status, _DEADLINE)) as requester:
+        outcome = requester.request(b"").exception()
+    return not isinstance(outcome, Unanswered)
 
 
 @contextmanager
