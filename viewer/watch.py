@@ -9,6 +9,7 @@ import threading
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -69,12 +70,17 @@ class Watch(Played):
     """Number of whole games; 0 plays until q."""
 
     def check(self) -> None:
+        self.config(self._network)
         check_terminal(LEAST_SIZE)
+
+    @property
+    def _network(self) -> Path:
+        return self.weights or shown_weights(self.env)
 
     def run(self, stop: threading.Event) -> None:
         """Plays until there are enough games, or the person leaves. Raises InputError if there is
         no terminal, or it is too small, or the network cannot be used."""
-        weights = self.weights or shown_weights(self.env)
+        weights = self._network
         config = self.config(weights)
         policy = ShownPolicy.of_file(config, weights, self.epsilon, config.seed)
         terminal = Terminal(LEAST_SIZE)

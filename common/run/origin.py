@@ -3,7 +3,6 @@
 import json
 import shlex
 from collections.abc import Callable
-from contextlib import suppress
 from operator import attrgetter
 from pathlib import Path
 from typing import Any
@@ -79,7 +78,7 @@ def origin_of(weights: Path) -> RunConfig | None:
 
     They are in the file ``weights`` itself. For files of former versions, they are in the card of a
     published policy, or in the run whose folder or snapshots hold the file. Raises InputError if
-    they exist and cannot be read.
+    they exist and cannot be read, or if the file is not a network's.
     """
     card, config, where = weights.with_suffix(".json"), None, weights
     if (told := _metadata(weights).get(_CONFIG)) is not None:
@@ -93,11 +92,20 @@ def origin_of(weights: Path) -> RunConfig | None:
 
 
 def _metadata(weights: Path) -> dict[str, str]:
-    """Returns the metadata of the file ``weights``; empty if it is not a network's file, which
-    loading it will show."""
-    with suppress(SafetensorError, OSError), safe_open(weights, "np") as file:
-        return file.metadata() or {}
-    return {}
+    """Returns the metadata of the file ``weights``; empty if it cannot be read, which loading it
+    will show."""
+    try:
+        with safe_open(weights, "np") as file:
+            return file.metadata() or {}
+    except SafetensorError as error:
+        raise no_network(weights, error) from None
+    except OSError:
+        return {}
+
+
+def no_network(file: Path, error: Exception) -> InputError:
+    """Returns the error that says that ``file`` is not a network's."""
+    return InputError(f"{file} holds no network ({error}): name a .safetensors file.")
 
 
 def _json(text: str | bytes, file: Path) -> Any:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 import torch
+from safetensors.numpy import save
 
 from actors.options import ActorOptions
 from common.errors import InputError
@@ -151,7 +152,7 @@ def test_settings_are_the_runs_that_is_gone_on_with_or_evaluated(tmp_path: Path)
     trained = replace(PRESETS["paper"], game="breakout", seed=7)
     folder = RunFolder(tmp_path, "r")
     folder.claim("learner", trained, begun=folder.checkpoint, resume=False)
-    folder.checkpoint.touch()
+    folder.checkpoint.write_bytes(save({}))
 
     def found(*arguments: str) -> object:
         return parse_run(LearnerOptions, "learner", arguments, stored_config)[0].config
@@ -171,7 +172,7 @@ def test_an_evaluation_draws_only_what_it_is_told_to(tmp_path: Path) -> None:
     trained = replace(trained, learning=replace(trained.learning, curriculum_steps=9))
     folder = RunFolder(tmp_path, "r")
     folder.claim("learner", trained, begun=folder.checkpoint, resume=False)
-    folder.checkpoint.touch()
+    folder.checkpoint.write_bytes(save({}))
 
     def found(*arguments: str) -> RunConfig:
         options, _ = parse_run(LearnerOptions, "learner", arguments, stored_config)

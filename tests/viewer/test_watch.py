@@ -3,6 +3,7 @@
 import re
 import threading
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -200,6 +201,17 @@ def test_without_a_terminal_it_is_refused_before_anything_is_built(
     monkeypatch.delattr(viewer.watch, "shown_env")
     with pytest.raises(InputError, match="need a terminal: run this command in one"):
         Watch(env="ale").run(threading.Event())
+
+
+def test_a_file_that_is_no_network_is_told_before_the_terminal_that_is_missing(
+    tmp_path: Path,
+) -> None:
+    page = tmp_path / "README.md"
+    page.write_text("# A page\n")
+    with pytest.raises(InputError, match=r"README\.md holds no network .*: name a \.safetensors"):
+        Watch(weights=page).check()
+    with pytest.raises(InputError, match="need a terminal"):
+        Watch(env="ale").check()
 
 
 @pytest.mark.usefixtures("forks")

@@ -155,7 +155,10 @@ def test_a_file_on_its_own_tells_the_settings_of_its_training(tmp_path: Path) ->
     assert origin_of(file) == RunConfig()
     card.unlink()
     assert origin_of(file) is None
-    file.write_bytes(b"no network")  # as its reader will say
+    file.write_bytes(b"no network")
+    with pytest.raises(InputError, match=r"holds no network .*: name a \.safetensors file\.$"):
+        origin_of(file)
+    file.unlink()  # as its reader will say
     assert origin_of(file) is None
 
 
