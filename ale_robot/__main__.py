@@ -6,7 +6,7 @@ from importlib import import_module
 from itertools import takewhile
 
 from ale_robot import __version__
-from ale_robot.commands import LOADING, PROGRAMS, help_of, overview
+from ale_robot.commands import LOADING, OF_POLICIES, PROGRAMS, help_of, overview
 from common.errors import InputError, choice, exit_on_input_error
 from common.process.lifeline import leave_at_interrupt
 
@@ -22,7 +22,10 @@ def run() -> int | None:
         return 0
     if name not in PROGRAMS:
         raise InputError(f"there is no command {name!r}: {choice(name, list(PROGRAMS))}")
-    if {"-h", "--help"} & {*arguments}:
+    helps = {"-h", "--help", "--help-all"} & {*arguments}
+    if helps and name == "policies" and arguments[0] in OF_POLICIES:
+        arguments = [arguments[0], "--help"]
+    elif helps - {"--help-all"}:
         print(help_of(name))
         return 0
     module, *given = PROGRAMS[name]

@@ -32,6 +32,9 @@ LOADING = {"watch", "play", "record", "check", "film", "evaluate"}
 EXTENSIBLE = {"train", "replay", "evaluate", "watch", "play", "human", "record", "check", "film"}
 """Commands whose flags choose an environment, a robot or an algorithm."""
 
+OF_POLICIES = ("push", "pull")
+"""Commands of `policies`, each with a help of its own."""
+
 HELP = {
     "watch": """\
 Watch a trained robot play in this terminal.

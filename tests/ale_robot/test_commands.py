@@ -222,6 +222,23 @@ def test_the_help_of_several_commands_has_no_words_of_pythons(
     assert "Exit codes:" in said
 
 
+@pytest.mark.parametrize("flag", ["-h", "--help", "--help-all"])
+@pytest.mark.parametrize(("name", "own"), [("push", "--private"), ("pull", "--revision")])
+def test_a_command_of_the_policies_has_its_own_help(
+    name: str,
+    own: str,
+    flag: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    with pytest.raises(SystemExit) as left:
+        run(monkeypatch, "policies", name, flag)
+    assert left.value.code == 0
+    said = capsys.readouterr().out
+    assert said.startswith(f"usage: ale-robot policies {name} ")
+    assert own in said
+
+
 def test_a_card_without_an_evaluation_or_with_one_of_a_former_version_is_listed(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
