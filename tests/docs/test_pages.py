@@ -93,6 +93,19 @@ def test_scores_of_pong_policies_are_those_of_their_cards(policy: str) -> None:
     assert told == scores
 
 
+@pytest.mark.parametrize("policy", [card.stem for card in CARDS if "pong" not in card.stem])
+def test_scores_of_other_games_are_those_of_their_cards(policy: str) -> None:
+    card = json.loads((ROOT / "policies" / f"{policy}.json").read_text(encoding="utf-8"))
+    best = card["evaluation"]["rows"][0]
+    page = (ROOT / "docs" / "results.md").read_text(encoding="utf-8")
+    told = re.search(rf"`{policy}`[^`]*? ([\d,.]+) ± ([\d.]*\d)", page)
+    assert told is not None
+    mean, deviation = told.groups()
+    places = len(mean.partition(".")[2])
+    assert mean == f"{best['mean']:,.{places}f}"
+    assert deviation == f"{best['deviation']:.{places}f}"
+
+
 def test_the_settings_page_is_that_of_the_code() -> None:
     assert settings.PAGE.read_text(encoding="utf-8") == settings.page(), (
         "docs/settings.md is old: run python -m docs.settings."
