@@ -72,7 +72,7 @@ class Report:
     def reasons(self) -> list[str]:
         """Reasons why the run is not healthy; none if it is."""
         if self.learner is None:
-            return ["no learner answers: start it again with --resume, or look at its log"]
+            return ["no learner answers: unless it is just starting, start it again with --resume"]
         return reasons(self.learner.silent_for, self.learner.checks)
 
     def as_json(self) -> str:

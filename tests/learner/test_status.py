@@ -235,7 +235,7 @@ def test_processes_of_a_busy_machine_are_given_as_long_as_the_hub(
 def test_a_run_without_a_learner(client: Transport) -> None:
     report = ask(client, KEYS, "")
     assert report.reasons == [
-        "no learner answers: start it again with --resume, or look at its log"
+        "no learner answers: unless it is just starting, start it again with --resume"
     ]
     assert "does not answer" in shown(report)
     StatusSink(client, KEYS)  # one that has just begun
