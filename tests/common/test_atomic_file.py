@@ -58,6 +58,24 @@ def test_what_is_appended_is_there_whole_or_not_at_all(
     assert path.read_bytes() == b"first\nsecond\n"
 
 
+def test_the_name_is_on_the_disk_as_well_as_the_content(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    synced = []
+
+    def sync(descriptor: int) -> None:
+        synced.append((os.readlink(f"/proc/self/fd/{descriptor}"), os.listdir(tmp_path)))
+
+    monkeypatch.setattr(os, "fsync", sync)
+    write_atomically(tmp_path / "file", b"new")
+    assert synced == [(f"{tmp_path}/file.tmp", ["file.tmp"]), (f"{tmp_path}", ["file"])]
+
+
+def test_the_first_content_has_no_former(tmp_path: Path) -> None:
+    write_atomically(tmp_path / "file", b"first", tmp_path / "former")
+    assert os.listdir(tmp_path) == ["file"]
+
+
 def test_whoever_holds_the_old_file_open_reads_it_to_its_end(tmp_path: Path) -> None:
     path = tmp_path / "file"
     write_atomically(path, b"old content")
