@@ -124,10 +124,8 @@ def chapters_of(folder: Path) -> list[Chapter]:
         raise InputError(f"{folder} is not the folder of a run: name one, such as runs/NAME.")
     networks = kept_networks(run.snapshots)
     if not networks:
-        raise InputError(
-            f"{folder} has kept no snapshots: train with --keep-snapshots, or film one network: "
-            f"{run.checkpoint}."
-        )
+        newest = f", or film one network: {run.checkpoint}" if run.checkpoint.is_file() else ""
+        raise InputError(f"{folder} has kept no snapshots: train with --keep-snapshots{newest}.")
     rows = EpochTable(run.epochs).rows()
     titles = [_title(epoch, rows) for epoch in networks]
     begun = Chapter("random play", None)

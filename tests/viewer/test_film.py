@@ -110,5 +110,8 @@ def test_what_cannot_be_filmed_is_told(run: Path, tmp_path: Path) -> None:
         chapters_of(run)
     for file in (run / "snapshots").glob("epoch-*"):
         file.unlink()
-    with pytest.raises(InputError, match="no snapshots: train with --keep-snap"):
+    with pytest.raises(InputError, match=r"no snapshots: train with --keep-snapshots\.$"):
+        chapters_of(run)
+    (run / "checkpoint.safetensors").touch()
+    with pytest.raises(InputError, match=r"or film one network: .*/checkpoint\.safetensors\.$"):
         chapters_of(run)
