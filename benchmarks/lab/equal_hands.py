@@ -55,8 +55,12 @@ class Options(BenchmarkOptions):
 def measure(options: Options) -> Report:
     keys = [KEYS_OF_ACTION[action] for action in MINIMAL_ACTIONS[options.game]]
     rows = []
-    for name in options.robots:
-        robot = ROBOTS.make(name, _SCREEN, CameraConfig(), PlayConfig(robot=name))
+    # All are made at once: an unknown or damaged one is told before the minutes of the others.
+    robots = [
+        ROBOTS.make(name, _SCREEN, CameraConfig(), PlayConfig(robot=name))
+        for name in options.robots
+    ]
+    for name, robot in zip(options.robots, robots, strict=True):
         for every in options.every:
             commands = random_commands(keys, every, options.steps, options.seed)
             other = keys_held(robot, commands, options.latency) != keys_held(
