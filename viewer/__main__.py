@@ -20,7 +20,7 @@ from typing import Any, get_args
 
 import cv2
 
-from common.errors import exit_on_input_error
+from common.errors import InputError, exit_on_input_error
 from common.process.command_line import parse
 from common.process.lifeline import on_signals
 from common.process.own_flags import own_help
@@ -40,6 +40,8 @@ COMMANDS: dict[str, Any] = {kind.__name__.lower(): kind for kind in get_args(EVE
 
 def main() -> int:
     name, *arguments = sys.argv[1:] or ["--help"]
+    if any(argument.partition("=")[0] == "--weights" for argument in arguments):
+        raise InputError("--weights is gone: name the network alone, as in `watch robot_pong`.")
     if (kind := COMMANDS.get(name)) is None:
         command = parse(EVERY, "viewer", [name, *arguments])
     else:

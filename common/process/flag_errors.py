@@ -18,7 +18,7 @@ def as_sentence(box: str, all_flags: str) -> str:
     alike = [line.split()[0].strip(",") for line in flags]
     hint = f"did you mean {alike[0]}?" if alike else f"`{all_flags}` lists the flags."
     if not unknown.startswith("-"):
-        return f"{unknown} has no flag before it: {hint}"
+        return f"{unknown} lacks a flag before it, or is one too many: {hint}"
     return f"there is no flag {unknown}: {hint}"
 
 

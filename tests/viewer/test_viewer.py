@@ -81,6 +81,9 @@ def test_a_network_needs_no_flag(kind: Any, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
+        (["record", "--weights", "w", "-o", "r"], "^--weights is gone: name the network alone"),
+        (["watch", "--weights=robot_pong"], "^--weights is gone: name the network alone"),
+        (["play", "ale_pong", "robot_pong"], "^robot_pong .* is one too many"),
         (["play", "--epsilon", "1.5"], "--epsilon is 1.5"),
         (["play", "--video", "v.gif"], "--seconds up to 120, or an .mp4"),
         (["play", "--video", "V.GIF"], "--seconds up to 120, or an .mp4"),

@@ -17,7 +17,7 @@ from tests.common.process.test_command_line import parsed
     [
         (["--gmae", "pong"], r"^there is no flag --gmae: did you mean --game\?$"),
         (["--zzz=1"], r"^there is no flag --zzz.*: `python -m program --help` lists the flags\.$"),
-        (["pong"], r"^pong has no flag before it: `python -m program --help` lists the flags\.$"),
+        (["pong"], r"^pong lacks a flag before it, or is one too many: `python -m program "),
         *(
             ([flag], rf"^{flag} needs a value: `python -m program --help` explains the flags\.$")
             for flag in ("--seed", "--preset", "--env")
