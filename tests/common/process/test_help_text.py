@@ -33,3 +33,13 @@ def test_a_tyro_without_that_function_does_no_harm(monkeypatch: pytest.MonkeyPat
     assert fresh("common.process.help_text").wrapped("One paragraph\nof two lines.") == (
         "One paragraph of two lines."
     )
+
+
+def test_paragraphs_fit_the_terminal_and_indented_lines_stay(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv("COLUMNS", "20")
+    table = "    2  an input is refused\n    3  a check is red"
+    assert help_text.wrapped(f"A paragraph\nof two lines that are short.\n\n{table}") == (
+        f"A paragraph of two\nlines that are\nshort.\n\n{table}"
+    )
