@@ -17,7 +17,7 @@ from common.process.exit_codes import BAD_INPUT
 from common.registry import ALGORITHMS, ROBOTS, AlgorithmKind
 from common.run.conditions import PlayConfig
 from common.run.config import LearningConfig, RunConfig
-from common.run.own_settings import in_full, merged, own_settings
+from common.run.own_settings import ROBOT, in_full, merged, own_settings
 from tests.extending.whole_run import added
 
 
@@ -249,3 +249,9 @@ def test_a_run_takes_those_of_its_algorithm_and_robot() -> None:
         lacking = RunConfig(learning=LearningConfig(algorithm="deep"))
         with pytest.raises(InputError, match=r"^learning\.algorithm_settings has a missing or "):
             lacking.check()
+
+
+def test_what_is_wrong_in_settings_that_go_on_names_them() -> None:
+    with pytest.raises(InputError) as error:
+        ROBOT.going_on({}, {"play.robot_settings": "name='a"})
+    assert str(error.value) == f'play.robot_settings is "name=\'a": {UNFINISHED}'

@@ -1,0 +1,76 @@
+"""The waits at a run's end, on the test's clock; `test_training.py` has what a run makes of it."""
+
+import threading
+from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from learner.farewell import Farewell
+
+
+class End(threading.Event):
+    """A run's end: the stop event, whose waits turn the clock, and everything around it."""
+
+    def __init__(self, pending: int = 0, **alive: bool) -> None:
+        super().__init__()
+        self.now = 0.0
+        self.said: list[str] = []
+        self.at: dict[float, Callable[[], None]] = {}
+        """What happens at which second."""
+        self.alive = alive
+        self.evaluation: Any = SimpleNamespace(pending=pending, steps_left=9, finish=lambda: None)
+        registry: Any = SimpleNamespace(alive=lambda role: self.alive.get(role, False))
+        self.farewell = Farewell(
+            self.evaluation,
+            registry,
+            None,
+            look=lambda: None,
+            say=self.said.append,
+            now=lambda: self.now,
+            stop=self,
+        )
+
+    def wait(self, timeout: float | None = None) -> bool:
+        self.now += timeout or 0.0
+        for second in [second for second in self.at if second <= self.now]:
+            self.at.pop(second)()
+        return self.is_set()
+
+
+@pytest.mark.parametrize("role", ["actor", "evaluator"])
+def test_who_has_not_heard_of_the_end_is_waited_for_a_minute(role: str) -> None:
+    end = End(**{role: True})
+    end.farewell.of_actors() if role == "actor" else end.farewell.of_evaluators()
+    assert end.now == pytest.approx(60, abs=1)
+    assert end.said == []
+
+
+def test_without_evaluators_and_without_a_test_there_is_nothing_to_say() -> None:
+    end = End()
+    end.farewell.of_evaluators()
+    assert (end.now, end.said) == (0, [])
+
+
+def test_each_test_that_ends_grants_the_others_an_hour_more() -> None:
+    end = End(pending=2, evaluator=True)
+    end.at = {
+        3_000.0: lambda: setattr(end.evaluation, "pending", 1),
+        6_000.0: lambda: setattr(end.evaluation, "pending", 0),
+        6_010.0: end.alive.clear,
+    }
+    end.farewell.of_evaluators()
+    assert end.now == pytest.approx(6_010, abs=1)
+    assert end.said == []
+
+
+@pytest.mark.parametrize("stops", [True, False])
+def test_neither_a_stop_nor_an_evaluator_that_leaves_is_an_hour_without_a_game(
+    stops: bool,
+) -> None:
+    end = End(pending=1, evaluator=True)
+    end.at = {100.0: end.set if stops else end.alive.clear}
+    end.farewell.of_evaluators()
+    assert end.now < 102
+    assert end.said == []
