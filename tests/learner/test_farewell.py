@@ -20,10 +20,11 @@ class End(threading.Event):
         self.at: dict[float, Callable[[], None]] = {}
         """What happens at which second."""
         self.alive = alive
-        self.evaluation: Any = SimpleNamespace(pending=pending, steps_left=9, finish=lambda: None)
+        evaluation: Any = SimpleNamespace(pending=pending, steps_left=9, finish=lambda: None)
+        self.evaluation = evaluation
         registry: Any = SimpleNamespace(alive=lambda role: self.alive.get(role, False))
         self.farewell = Farewell(
-            self.evaluation,
+            evaluation,
             registry,
             None,
             look=lambda: None,

@@ -12,11 +12,13 @@ from common.errors import InputError
 from common.network import build_network
 from common.protocol.weights import encode_weights
 from common.run.epochs import COLUMNS, EpochTable
+from common.run.origin import find_weights
 from common.run.presets import PRESETS
 from common.run.stored_config import to_json
 from tests.common.run.test_epochs import TRAIN as ROW
 from viewer import overlay
 from viewer.film import Chapter, Film, chapters_of, titled
+from viewer.show import Play
 
 CONFIG = replace(PRESETS["fast"], learning=replace(PRESETS["fast"].learning, network="nips"))
 
@@ -98,6 +100,16 @@ def test_a_gif_of_a_run_is_no_longer_than_one_of_a_game(run: Path) -> None:
     assert not gif.exists()
     Film(shown=run, video=gif, seconds=0.07).run(threading.Event())
     assert gif.exists()
+
+
+def test_without_a_network_the_published_one_of_the_environment_is_filmed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    filmed = []
+    monkeypatch.setattr(Play, "run", lambda play, stop: filmed.append(play.weights))
+    for env in (None, "ale"):
+        Film(env=env).run(threading.Event())
+    assert filmed == [find_weights("robot_pong_sticky"), find_weights("ale_pong_sticky")]
 
 
 def test_what_cannot_be_filmed_is_told(run: Path, tmp_path: Path) -> None:
