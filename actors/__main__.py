@@ -35,7 +35,9 @@ def viewer_command(arguments: Sequence[str]) -> list[str]:
     for flag, command in _VIEWER_COMMANDS.items():
         if flag in given:
             # Only play has a clock; the others always run in lockstep. A network needs no flag.
-            understood = {f"--{command}", "--sync", "--weights"}
+            understood = {f"--{command}", "--sync"}
+            if arguments[-1] != "--weights":  # else its value is missing, which the viewer tells
+                understood.add("--weights")
             rest = (each.removeprefix("--weights=") for each in arguments)
             return [command, *(each for each in rest if each not in understood)]
     return []

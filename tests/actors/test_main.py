@@ -29,6 +29,7 @@ from viewer.check import Check
         ("--viewer=rerun --play", "play --viewer=rerun"),
         ("--play --weights w.safetensors --games 2", "play w.safetensors --games 2"),
         ("--play --weights=w.safetensors", "play w.safetensors"),
+        ("--play --weights", "play --weights"),
     ],
 )
 def test_former_flags_of_the_viewer(arguments: str, meant: str) -> None:
