@@ -62,7 +62,7 @@ Train a robot on this machine until Ctrl-C.
   --game GAME          pong (default), breakout, …; list: ale-robot --help-all
   --preset NAME        settings to start from: robot (default), fast or paper
   --actors N           number of robots that play at the same time (default 1)
-  --steps N            agent steps at which the run ends; 500,000 take an hour
+  --steps N            agent steps at which the run ends; 500,000 take 1 to 3 h
   --initial NAME|FILE  network to start from, instead of a fresh one
   --demonstrations FOLDER   recorded games with which the replay starts
   --play.vector        commands, keys and joints as input, beside the frames
@@ -254,7 +254,7 @@ def help_of(name: str) -> str:
     """Returns what `ale-robot NAME --help` prints."""
     more = f"\nAll flags: ale-robot {name} --help-all"
     if name in EXTENSIBLE:
-        more += "\nSettings of an extension: the same, beside the flag that chooses it (--env NAME)"
+        more += " (--env NAME adds its own)"
     return HELP[name] + more
 
 

@@ -166,9 +166,9 @@ def _line(progress: Progress) -> str:
         f"{progress.samplable:,} can be drawn; chunks: {progress.accepted:,} accepted, "
         f"{progress.duplicates:,} duplicate, {progress.refused:,} refused"
         f"{'; actors are throttled' if progress.throttle else ''}; "
-        f"{progress.private_bytes / 2**20:,.0f} MiB private, "
-        f"{progress.resident_bytes / 2**20:,.0f} MiB resident, "
-        f"{progress.file_bytes / 2**30:.2f} GiB of file."
+        f"{progress.private_bytes / 1e6:,.0f} MB private, "
+        f"{progress.resident_bytes / 1e6:,.0f} MB resident, "
+        f"{progress.file_bytes / 1e9:.2f} GB of file."
     )
 
 
