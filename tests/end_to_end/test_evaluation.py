@@ -121,7 +121,7 @@ def test_what_is_no_network_is_told(run: Path, tmp_path: Path, stage: Stage) -> 
             tmp_path / "nothing",
             "is not a file: name a network's file, a run's folder, or a published policy: ale_",
         ),
-        (run / "config.json", "not safetensors"),
+        (run / "config.json", "holds no network"),
     ):
         printed = _evaluate(stage, weights, status=2)
         assert why in printed

@@ -704,16 +704,10 @@ def test_without_an_evaluator_the_end_is_not_waited_for() -> None:
 
 def test_a_local_evaluator_that_has_not_joined_yet_is_waited_for() -> None:
     world = World(evaluators=set())
-    children: Any = SimpleNamespace(
-        watch=lambda *, finished: [],
-        works=lambda role: role == "evaluator",
-        ask_to_leave=lambda: None,
-        close=lambda: None,
-    )
     world.once(lambda: world.now >= 1_300.0, lambda: world.evaluators.add("e"))
     learner = world.learner(steps_goal=300)
     learner.start()
-    learner.run(children)
+    learner.run(children_of_local_mode(works=lambda role: role == "evaluator"))
     assert world.said == []
     assert world.rows[-1].phase == "test"
 
