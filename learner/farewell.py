@@ -9,7 +9,8 @@ from common.schedule import Now
 from learner.evaluation.coordinator import EvaluationCoordinator
 from learner.telemetry.actor_registry import ActorRegistry
 
-_LOOK_SECONDS = 0.25
+LOOK_SECONDS = 0.25
+"""Seconds between two looks at other processes."""
 _TO_LEAVE = 60.0
 """Seconds that the actors, and then the evaluators, of a finished run have to leave. A process that
 has not heard of the end by then waits for a learner that never comes back."""
@@ -71,7 +72,7 @@ class Farewell:
         change of ``progress``."""
         self.look()
         before, ends = progress(), self.now() + patience
-        while busy() and self.now() < ends and not self.stop.wait(_LOOK_SECONDS):
+        while busy() and self.now() < ends and not self.stop.wait(LOOK_SECONDS):
             self.look()
             if (now := progress()) != before:
                 before, ends = now, self.now() + patience

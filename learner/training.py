@@ -23,7 +23,7 @@ from learner.broadcast import Broadcast
 from learner.checkpoint import Checkpoint
 from learner.clock import RunClock
 from learner.evaluation.coordinator import EvaluationCoordinator
-from learner.farewell import Farewell
+from learner.farewell import LOOK_SECONDS, Farewell
 from learner.health_guard import HealthGuard
 from learner.insist import insist
 from learner.loss_guard import LossGuard
@@ -37,7 +37,6 @@ from replay.chunk_statistics import Progress
 from replay.interface import Replay
 
 _TICK = 0.1
-_LOOK_SECONDS = 0.25
 _MEASURE_SECONDS = 30.0
 _LEAST_PHASE = 0.1
 """Minimum share of an epoch that a run's last steps need to count as an epoch of their own."""
@@ -74,7 +73,7 @@ class Learner:
         self._children: Supervisor | None = None
         self._batches: Prefetcher
         self._replay_progress: Progress
-        self._look_schedule = Every(_LOOK_SECONDS, self.clock.now)
+        self._look_schedule = Every(LOOK_SECONDS, self.clock.now)
         self._measure_schedule = Every(_MEASURE_SECONDS, self.clock.now)
 
     # ------------------------------------------------------------------ the loop

@@ -25,7 +25,6 @@ from common.run.conditions import MAX_ADDED, CameraConfig, PlayConfig
 
 _SCREEN = (210, 160)
 """Rows and columns of most games."""
-_ALL = Keys.UP | Keys.DOWN | Keys.LEFT | Keys.RIGHT | Keys.FIRE
 
 
 @dataclass(frozen=True)
@@ -60,12 +59,11 @@ def measure(options: Options) -> Report:
         ROBOTS.make(name, _SCREEN, CameraConfig(), PlayConfig(robot=name))
         for name in options.robots
     ]
+    told = [random_commands(keys, every, options.steps, options.seed) for every in options.every]
+    schedules = [keys_held(_exact_hands(), commands, options.latency) for commands in told]
     for name, robot in zip(options.robots, robots, strict=True):
-        for every in options.every:
-            commands = random_commands(keys, every, options.steps, options.seed)
-            other = keys_held(robot, commands, options.latency) != keys_held(
-                _exact_hands(), commands, options.latency
-            )
+        for every, commands, schedule in zip(options.every, told, schedules, strict=True):
+            other = keys_held(robot, commands, options.latency) != schedule
             rows.append(
                 {
                     "robot": name,
@@ -100,7 +98,7 @@ def keys_held(hands: Hands, commands: Sequence[Keys], latency: int) -> NDArray[n
     """Returns the keys at the end of each emulator frame, with ``hands`` made equal,
     ``int [commands × frame skip]``."""
     equal = LatencyEqualiser(hands, latency)
-    equal.time(_ALL)
+    equal.time(~Keys.NONE)
     equal.rest()
     held = []
     for command in commands:
