@@ -115,9 +115,10 @@ def raced(race: Mapping[str, Any]) -> str:
 
 def _where(measurement: Mapping[str, Any]) -> str:
     """Returns the machine and the commit of a measurement, as a sentence."""
-    torch = measurement["versions"]["torch"]
+    torch = measurement["versions"].get("torch")  # not known of a checkout that is not installed
     commit = commit_of(measurement["git_commit"], measurement.get("git_dirty"))
-    return f"{machine_line(measurement['machine'])}, torch {torch}, commit {commit}."
+    parts = [machine_line(measurement["machine"]), torch and f"torch {torch}", f"commit {commit}"]
+    return f"{', '.join(filter(None, parts))}."
 
 
 def commit_of(commit: str | None, dirty: bool | None) -> str:

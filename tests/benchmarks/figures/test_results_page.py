@@ -45,6 +45,14 @@ More.
     assert render(page.replace("an old table\n", ""), tmp_path) == expected
 
 
+def test_a_measurement_of_a_checkout_that_is_not_installed_does_not_know_its_torch(
+    tmp_path: Path,
+) -> None:
+    (tmp_path / "speed.json").write_text(json.dumps(MEASUREMENT | {"versions": {"python": "3.12"}}))
+    page = render("<!-- speed.json -->\n<!-- end -->\n", tmp_path)
+    assert "\nA processor, 2 cores, commit 0123456.\n" in page
+
+
 def test_what_was_learned_is_a_row_for_each_run(tmp_path: Path) -> None:
     run: dict[str, object] = dict.fromkeys(COLUMNS, "")
     run |= {"rung": "R5", "game": "pong", "seed": 1, "agent_steps": 995_520, "wall_seconds": 9_000}
