@@ -112,7 +112,7 @@ figures: setup  ## draw the figures of docs/ from the results
 	$(PLOT) --figure press $(RESULTS)/press_latency.json -o docs/press_latency.png
 	$(PLOT) --figure race $(addprefix $(RESULTS)/race_,ale.json robot.json robot_whole.json) \
 		-o docs/race.png
-	$(PLOT) --figure robustness $(patsubst %,$(RESULTS)/robustness_robot_pong_%.json,sticky worlds robust) -o docs/robustness.png
+	$(PLOT) --figure robustness $(patsubst %,$(RESULTS)/robustness_robot_pong_%.json,sticky worlds robust_sticky) -o docs/robustness.png
 	$(PLOT) --figure robustness $(wildcard $(RESULTS)/latency_*.json) -o docs/latency.png
 	$(PLOT) --figure games $(RESULTS)/games.json -o docs/games.png
 	$(PLOT) --figure scaling $(RESULTS)/scaling.json -o docs/scaling.png
