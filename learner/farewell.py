@@ -40,6 +40,7 @@ class Farewell:
     def of_evaluators(self) -> None:
         """Lets the evaluators play the last tests and leave; says so if epochs stay untested."""
         self.evaluation.finish()
+        self.look()  # a local evaluator that has just ended is started again
         if self.evaluation.pending and not self._evaluator_expected():
             self.say(
                 "There is no evaluator, so epochs stay untested: "
@@ -70,7 +71,6 @@ class Farewell:
     ) -> None:
         """Waits while ``busy`` returns something true, at most ``patience`` seconds without a
         change of ``progress``."""
-        self.look()
         before, ends = progress(), self.now() + patience
         while busy() and self.now() < ends and not self.stop.wait(LOOK_SECONDS):
             self.look()

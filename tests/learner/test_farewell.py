@@ -20,14 +20,14 @@ class End(threading.Event):
         self.at: dict[float, Callable[[], None]] = {}
         """What happens at which second."""
         self.alive = alive
+        self.look: Callable[[], None] = lambda: None
         evaluation: Any = SimpleNamespace(pending=pending, steps_left=9, finish=lambda: None)
-        self.evaluation = evaluation
         registry: Any = SimpleNamespace(alive=lambda role: self.alive.get(role, False))
+        children: Any = SimpleNamespace(works=lambda role: False)
+        self.evaluation, self.registry, self.children = evaluation, registry, children
         self.farewell = Farewell(
-            evaluation,
-            registry,
-            None,
-            look=lambda: None,
+            *(evaluation, registry, children),
+            look=lambda: self.look(),
             say=self.said.append,
             now=lambda: self.now,
             stop=self,
@@ -74,4 +74,31 @@ def test_neither_a_stop_nor_an_evaluator_that_leaves_is_an_hour_without_a_game(
     end.at = {100.0: end.set if stops else end.alive.clear}
     end.farewell.of_evaluators()
     assert end.now < 102
+    assert end.said == []
+
+
+def test_after_the_last_test_that_ends_an_hour_without_one_is_the_end() -> None:
+    end = End(pending=2, evaluator=True)
+    end.at = {3_000.0: lambda: setattr(end.evaluation, "pending", 1), 9_999.0: end.set}
+    end.farewell.of_evaluators()
+    assert end.now == pytest.approx(3_000 + 3_600 + 60, abs=2)
+    assert [said[:37] for said in end.said] == ["No game of a test has ended in 60 min"]
+
+
+def test_what_came_just_before_the_last_actor_left_is_taken_in() -> None:
+    end = End()
+    came: list[str] = []
+    taken: list[str] = []
+    end.look = lambda: taken.extend(came)
+    end.registry.alive = lambda role: came.append("its last chunk")
+    end.farewell.of_actors()
+    assert taken == ["its last chunk"]
+
+
+def test_a_local_evaluator_that_has_just_ended_is_started_again_and_expected() -> None:
+    end = End(pending=1)
+    end.look = lambda: setattr(end.children, "works", lambda role: role == "evaluator")
+    end.at = {5.0: lambda: setattr(end.evaluation, "pending", 0)}
+    end.farewell.of_evaluators()
+    assert end.now == pytest.approx(5, abs=1)
     assert end.said == []
