@@ -95,23 +95,22 @@ class Film(Played):
         seconds = self.seconds or _CHAPTER
         check_length(video, seconds, len(chapters))
         steps = round(seconds * rate)
+        total = len(chapters) * steps
         with (
             shown_env(config) as env,
             closing(Panels(env, self.nao_urdf, orbiting=True)) as panels,
             open_movie(video, rate) as film,
-            Progress("filming", len(chapters) * steps) as progress,
+            Progress("filming", total) as progress,
         ):
-            done = 0
-            for title, weights in chapters:
-                epsilon = 1.0 if weights is None else self.epsilon
-                policy = ShownPolicy.of_file(config, weights, epsilon, config.seed)
-                for step in islice(play([env], policy, [config.seed]), steps):
-                    done += 1
-                    share = done / (len(chapters) * steps)
-                    film(titled(panels.draw(step, policy.values), title, share))
-                    progress.update(done, note=title)
-                    if stop.is_set():
-                        break
+            played = (
+                (title, step, policy.values)
+                for title, weights in chapters
+                for policy in [ShownPolicy.of_file(config, weights, self.epsilon, config.seed)]
+                for step in islice(play([env], policy, [config.seed]), steps)
+            )
+            for done, (title, step, values) in enumerate(played, start=1):
+                film(titled(panels.draw(step, values), title, done / total))
+                progress.update(done, note=title)
                 if stop.is_set():
                     break
         print(f"wrote {video}")

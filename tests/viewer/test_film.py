@@ -3,11 +3,15 @@
 import threading
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import av
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
+from actors.envs.game_env import GameEnv
+from actors.loop import Step
 from common.errors import InputError
 from common.network import build_network
 from common.protocol.weights import encode_weights
@@ -18,6 +22,7 @@ from common.run.stored_config import to_json
 from tests.common.run.test_epochs import TRAIN as ROW
 from viewer import overlay
 from viewer.film import Chapter, Film, chapters_of, titled
+from viewer.panels import Panels
 from viewer.show import Play
 
 CONFIG = replace(PRESETS["fast"], learning=replace(PRESETS["fast"].learning, network="nips"))
@@ -57,12 +62,19 @@ def test_chapters_are_random_play_and_each_snapshot_with_what_was_reached(run: P
             snapshots / "epoch-0002.safetensors",
         ),
     ]
+    table.append(replace(ROW, epoch=2, phase="test", average_reward=0.0))
+    assert chapters_of(run)[-1].title.endswith("test score 0.0")
 
 
 def test_a_run_that_began_with_a_network_is_filmed_from_it(run: Path) -> None:
     (run / "initial.safetensors").write_bytes(encode_weights(build_network(CONFIG, 6)))
     first, *_ = chapters_of(run)
     assert first == Chapter("the network that the run began with", run / "initial.safetensors")
+
+
+def pictures_of(video: Path) -> list[NDArray[Any]]:
+    with av.open(str(video)) as film:
+        return [frame.to_ndarray(format="rgb24") for frame in film.decode(video=0)]
 
 
 def test_a_run_is_filmed_chapter_by_chapter(
@@ -74,14 +86,47 @@ def test_a_run_is_filmed_chapter_by_chapter(
     told = capsys.readouterr()
     assert told.out == f"wrote {video}\n"
     assert "filming: 44 %, epoch 1" in told.err
-    with av.open(str(video)) as film:
-        pictures = [frame.to_ndarray(format="rgb24") for frame in film.decode(video=0)]
+    pictures = pictures_of(video)
     assert len(pictures) == 3 * 3  # chapters of 0.2 s at 15 a second
     titles = [picture[:32, :300].astype(int) for picture in pictures]
     bars = [int((picture[33:36].mean(axis=(0, 2)) > 100).sum()) for picture in pictures]
     assert bars == pytest.approx([1_024 * done / 9 for done in range(1, 10)], abs=8)
     for at in range(1, 9):  # the title changes with the chapter, and only then
         assert (np.abs(titles[at] - titles[at - 1]).max() > 100) == (at % 3 == 0)
+
+
+def test_a_film_of_a_run_has_its_flags_and_shows_each_networks_values(
+    run: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shown: list[Any] = []
+
+    class Shown(Panels):
+        def __init__(self, env: GameEnv, nao_urdf: Path | None, *, orbiting: bool) -> None:
+            super().__init__(env, orbiting=orbiting)
+            shown.append((nao_urdf, orbiting))
+
+        def draw(self, step: Step, values: NDArray[np.float32] | None) -> NDArray[np.uint8]:
+            shown.append((step.info.game_steps, step.a_tm1, step.epsilon, values is None))
+            return super().draw(step, values)
+
+    monkeypatch.setattr("viewer.film.Panels", Shown)
+    for seed in (5, 6):
+        Film(seed=seed, shown=run, seconds=0.07, epsilon=0.25, nao_urdf=Path("own.urdf")).run(
+            threading.Event()
+        )
+    first, other = shown[:4], shown[4:]
+    assert first[0] == (Path("own.urdf"), True)
+    assert [told[2:] for told in first[1:]] == [(1.0, True), (0.25, False), (0.25, False)]
+    assert first[1][0] != other[1][0]  # another random start
+    assert first[1][1] != other[1][1]  # another random action
+
+
+def test_a_film_that_is_stopped_ends_with_its_last_picture(run: Path) -> None:
+    stop = threading.Event()
+    stop.set()
+    Film(shown=run).run(stop)
+    assert len(pictures_of(run / "films" / "learning.mp4")) == 1
+    Film(shown=run, video=run / "short.gif").run(stop)  # three chapters by default are no 120 s
 
 
 def test_a_title_stands_above_the_picture() -> None:
@@ -102,6 +147,23 @@ def test_a_gif_of_a_run_is_no_longer_than_one_of_a_game(run: Path) -> None:
     assert gif.exists()
 
 
+def test_a_network_is_filmed_under_the_given_flags(
+    run: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    filmed: list[Play] = []
+    monkeypatch.setattr(Play, "run", lambda play, stop: filmed.append(play))
+    shown = run / "snapshots" / "best.safetensors"
+    given: dict[str, Any] = {
+        "seed": 3,
+        "epsilon": 0.5,
+        "seconds": 2.0,
+        "video": Path("v.mp4"),
+        "nao_urdf": Path("own.urdf"),
+    }
+    Film(shown=shown, **given).run(threading.Event())
+    assert filmed == [Play(weights=shown, **given)]
+
+
 def test_without_a_network_the_published_one_of_the_environment_is_filmed(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -113,6 +175,7 @@ def test_without_a_network_the_published_one_of_the_environment_is_filmed(
 
 
 def test_what_cannot_be_filmed_is_told(run: Path, tmp_path: Path) -> None:
+    Film(shown=run, video=Path("f.gif")).check()  # its length depends on the run
     with pytest.raises(InputError, match="is not the folder of a run"):
         Film(shown=tmp_path).run(threading.Event())
     with pytest.raises(InputError, match="did you mean robot_pong"):

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import viewer.check
+from actors.envs.ale import AtariEnv
 from actors.envs.robot import RobotEnv
 from actors.robots.latency import Change
 from actors.robots.nao.assembly import write_nao
@@ -33,7 +34,7 @@ from tests.viewer.rrd import recorded
 from viewer.__main__ import COMMANDS, main
 from viewer.check import CORNERS_IN_PLACE, Check
 from viewer.film import Film
-from viewer.player import Played, ShownPolicy
+from viewer.player import Played, ShownPolicy, shown_env
 from viewer.show import Play
 from viewer.watch import Watch
 
@@ -139,7 +140,11 @@ def test_what_is_played_comes_from_the_run_of_the_weights(tmp_path: Path) -> Non
     alone = tmp_path / "alone.safetensors"
     assert Played().config(alone).play.minimal_actions is False
     assert Played("ale", minimal_actions=True).config().play.minimal_actions is True
+    assert Played("ale").config().preset == "fast"
     assert Played().config().env == "robot"
+    assert Played(seed=0).config(weights).seed == 0
+    with pytest.raises(InputError, match="trained with 4 actions, and here it would have 18"):
+        Played(game="pitfall").config(weights)
     assert Played(robot="a.npz").config(weights).play == replace(ran.play, robot="a.npz")
     with pytest.raises(InputError, match="there is no robot 'atlas'"):
         Played(robot="atlas").config()
@@ -181,6 +186,21 @@ def test_weights_that_do_not_fit(tmp_path: Path) -> None:
         ShownPolicy.of_file(SHORT, tmp_path / "none", 0.0, 0)
 
 
+def test_a_lost_life_ends_no_episode_that_is_shown(monkeypatch: pytest.MonkeyPatch) -> None:
+    closed: list[AtariEnv] = []
+    monkeypatch.setattr(AtariEnv, "close", lambda env: closed.append(env))
+    play = replace(PRESETS["fast"].play, random_starts=0, minimal_actions=True)
+    with shown_env(replace(PRESETS["fast"], game="breakout", play=play)) as env:
+        env.reset(seed=0)
+        lives, terminated = env.emulator.lives, False
+        for _ in range(500):  # the ball is launched, and nobody returns it
+            if env.emulator.lives == lives:
+                terminated = env.step(np.int64(1))[2]
+        assert env.emulator.lives == lives - 1
+        assert not terminated
+    assert closed == [env]
+
+
 def test_the_shown_values_are_the_networks(tmp_path: Path) -> None:
     weights = in_run(tmp_path, SHORT, 6)
     policy = ShownPolicy.of_file(SHORT, weights, 0.0, 0)
@@ -189,6 +209,9 @@ def test_the_shown_values_are_the_networks(tmp_path: Path) -> None:
     assert policy.values is not None
     assert policy.values.shape == (6,)
     assert action == policy.values.argmax()
+    mostly_random = ShownPolicy.of_file(SHORT, weights, 0.99, 0)
+    mostly_random.act(frames, np.zeros((1, 0), np.float32))
+    np.testing.assert_array_equal(mostly_random.values, policy.values)
     random = ShownPolicy.of_file(SHORT, None, 0.0, 0)
     random.act(frames, np.zeros((1, 0), np.float32))
     assert random.values is None
