@@ -23,7 +23,7 @@ class ClockConfig:
         """Checks that the settings can work, in the environment called ``env`` if it is known.
         Raises InputError with the flag at fault and what to do."""
         if not 0 < self.speed < float("inf"):
-            raise InputError(f"--speed is {self.speed}: choose a number above 0.")
+            raise InputError(f"--speed is {self.speed}: choose a finite number above 0.")
         if self.sync and self.speed != 1.0:
             raise InputError("--speed is for --no-sync: with --sync time goes as fast as it can.")
         if env and (flag := self.robot_flag) and not ENVIRONMENTS.find(env).robot:
