@@ -64,11 +64,37 @@ def test_the_name_is_on_the_disk_as_well_as_the_content(
     synced = []
 
     def sync(descriptor: int) -> None:
-        synced.append((os.readlink(f"/proc/self/fd/{descriptor}"), os.listdir(tmp_path)))
+        found = {each.name: each.read_bytes() for each in tmp_path.iterdir()}
+        synced.append((os.readlink(f"/proc/self/fd/{descriptor}"), found))
 
     monkeypatch.setattr(os, "fsync", sync)
     write_atomically(tmp_path / "file", b"new")
-    assert synced == [(f"{tmp_path}/file.tmp", ["file.tmp"]), (f"{tmp_path}", ["file"])]
+    assert synced == [
+        (f"{tmp_path}/file.tmp", {"file.tmp": b"new"}),
+        (f"{tmp_path}", {"file": b"new"}),
+    ]
+
+
+def test_a_killed_process_leaves_the_old_or_the_new_file_at_every_moment(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, replace, seen = tmp_path / "file", os.replace, []
+
+    def watched(source: Path, target: Path) -> None:
+        replace(source, target)
+        seen.append(path.read_bytes())
+
+    write_atomically(path, b"old")
+    monkeypatch.setattr(os, "replace", watched)
+    write_atomically(path, b"new", tmp_path / "former")
+    assert seen == [b"old", b"new"]
+
+
+def test_no_file_stays_open(tmp_path: Path) -> None:
+    write_atomically(tmp_path / "file", b"new")
+    append_whole(tmp_path / "table", b"row\n")
+    opened = [os.path.realpath(each) for each in Path("/proc/self/fd").iterdir()]
+    assert not [file for file in opened if file.startswith(str(tmp_path))]
 
 
 def test_the_first_content_has_no_former(tmp_path: Path) -> None:

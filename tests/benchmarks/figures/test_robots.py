@@ -100,8 +100,26 @@ def test_the_page_has_it_over_where_each_number_was_measured(folder: Path) -> No
     assert render(page, folder) == page
 
 
+def test_the_hub_with_the_nearest_number_of_actors_counts_and_periods_are_whole(
+    folder: Path,
+) -> None:
+    hubs = [*RESULTS["many_actors"]["many_actors"], hub(1_900, 1.9) | {"p99_ms": 4.0}]
+    peers = {"rows": against_ours("updates of 32, 1 thread", {"peer": [9.0], "ours": [40.0]})}
+    (folder / "many_actors.json").write_text(json.dumps({"many_actors": hubs}))
+    (folder / "peers.json").write_text(json.dumps(peers))
+    rows = {what: cells for what, *cells in needs(folder)}
+    assert rows["p99 ms until a chunk is acknowledged"][:3] == ["1", "2", "4"]
+    assert "1,900 of 1,900 actors" in rows["MB/s of weights, each 50 updates"][3]
+    period = "`--learning.train-period` that one such learner keeps up with"
+    assert rows[period][:3] == ["4", "38.0", "375.0"]
+
+
 @pytest.mark.parametrize("name", RESULTS)
 def test_what_is_missing_is_told(folder: Path, name: str) -> None:
+    told = r"needs actor_steps.json, many_actors.json, .*make bench"
+    (folder / f"{name}.json").write_text("{}")
+    with pytest.raises(InputError, match=told):
+        list(needs(folder))
     (folder / f"{name}.json").unlink()
-    with pytest.raises(InputError, match=r"needs actor_steps.json, many_actors.json, .*make bench"):
+    with pytest.raises(InputError, match=told):
         list(needs(folder))
