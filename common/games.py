@@ -58,6 +58,9 @@ MINIMAL_ACTIONS: dict[str, tuple[int, ...]] = {
 
 GAMES: tuple[str, ...] = tuple(sorted(MINIMAL_ACTIONS))
 
+SCREEN_SHAPE = (210, 160)
+"""Rows and columns of most games' pictures."""
+
 
 def check_game(game: str) -> str:
     """Returns ``game`` if ale-py bundles it. Raises InputError if it does not, with suggestions of

@@ -19,12 +19,9 @@ from actors.robots.interface import Hands
 from benchmarks.report import BenchmarkOptions, Numbers, Report, main
 from common.actions import KEYS_OF_ACTION, Keys
 from common.checked import FromOne
-from common.games import MINIMAL_ACTIONS, check_game
+from common.games import MINIMAL_ACTIONS, SCREEN_SHAPE, check_game
 from common.registry import ROBOTS
 from common.run.conditions import MAX_ADDED, CameraConfig, PlayConfig
-
-_SCREEN = (210, 160)
-"""Rows and columns of most games."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +53,7 @@ def measure(options: Options) -> Report:
     rows = []
     # All are made at once: an unknown or damaged one is told before the minutes of the others.
     robots = [
-        ROBOTS.make(name, _SCREEN, CameraConfig(), PlayConfig(robot=name))
+        ROBOTS.make(name, SCREEN_SHAPE, CameraConfig(), PlayConfig(robot=name))
         for name in options.robots
     ]
     told = [random_commands(keys, every, options.steps, options.seed) for every in options.every]

@@ -27,13 +27,12 @@ from benchmarks.figures.plot_press import press_figure
 from benchmarks.report import BenchmarkOptions, Report, Table, main
 from common.actions import KEYS_OF_ACTION
 from common.checked import FromOne
+from common.games import SCREEN_SHAPE
 from common.registry import ROBOTS
 from common.run.conditions import CameraConfig, PlayConfig
 from common.strict_json import strict
 from learner.figures.plot_style import check_picture, save
 
-_SCREEN = (210, 160)
-"""Rows and columns of most games."""
 _NAMES = ["".join(key.name[0] for key in keys if key.name) or "·" for keys in KEYS_OF_ACTION]
 """Each action's keys as letters, such as "UR" or "DLF"; a dot for no keys."""
 
@@ -107,7 +106,7 @@ def sentences(latency: Latency, settled: Latency, unsettled: Latency) -> list[st
 
 def measure(options: Options) -> Report:
     play = PlayConfig(robot=options.robot)
-    robot = ROBOTS.make(options.robot, _SCREEN, CameraConfig(), play)
+    robot = ROBOTS.make(options.robot, SCREEN_SHAPE, CameraConfig(), play)
     found = list(changes(robot, options.repetitions, options.seed))
     robot.close()
     latency = Latency.of(found)

@@ -26,6 +26,7 @@ from actors.robots.room.silence import silenced
 from actors.robots.room.still_view import StillView
 from actors.robots.room.viewpoint import Viewpoint, Views
 from common.actions import Keys
+from common.games import SCREEN_SHAPE
 from common.run.conditions import (
     DEFAULT_PLAY,
     FRAMES_PER_SECOND,
@@ -65,7 +66,7 @@ class Room(ABC):
 
     def __init__(
         self,
-        game_size: tuple[int, int] = (210, 160),
+        game_size: tuple[int, int] = SCREEN_SHAPE,
         camera: CameraConfig = PERFECT_CAMERA,
         play: PlayConfig = DEFAULT_PLAY,
     ) -> None:
