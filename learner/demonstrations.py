@@ -50,7 +50,7 @@ _ALIKE = (
 """Settings that must be equal, because states, actions or rewards depend on them."""
 _DEADLINE = 5.0
 """Seconds without a reply after which a chunk is sent again."""
-_PAUSE = 0.2
+_PAUSE_SECONDS = 0.2
 _PATIENCE = 50
 """Number of pauses without a reply after which people are told so."""
 
@@ -218,7 +218,7 @@ class Demonstrations:
 
         def wait(most: int) -> bool:
             for pauses in count(1):
-                if stop.is_set() or refusals or window.wait(most, _PAUSE):
+                if stop.is_set() or refusals or window.wait(most, _PAUSE_SECONDS):
                     break
                 if pauses == _PATIENCE:
                     tell("the replay does not answer; the demonstrations wait for it.")

@@ -50,7 +50,7 @@ from replay.replay_buffer import ReplayBuffer
 from replay.server import ReplayServer
 
 _log = logging.getLogger(__name__)
-_REPORT_EVERY = 5.0
+_REPORT_SECONDS = 5.0
 _DEADLINE = 5.0
 """Seconds to wait for the announcement of a run of the same name."""
 
@@ -109,7 +109,7 @@ def serve(options: ReplayOptions, again: bool) -> None:
             say(f"replay of run {folder.name} in {folder.replay}, at {place}.")
             say(_line(buffer.progress(MAX_COUNT)))
             tell("READY=1")
-            while not stop.wait(_REPORT_EVERY):
+            while not stop.wait(_REPORT_SECONDS):
                 progress = buffer.progress(MAX_COUNT)
                 say(_line(progress), progress.values())
                 tell(f"STATUS={_line(progress)}", "WATCHDOG=1")

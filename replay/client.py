@@ -36,7 +36,7 @@ DEADLINE = 5.0
 """Seconds without an answer after which the server counts as away."""
 DISK_DEADLINE = 60.0
 """Seconds to wait for the answer of `Replay.sync`."""
-_PAUSE = 0.2
+_PAUSE_SECONDS = 0.2
 _log = logging.getLogger(__name__)
 _Answer = TypeVar("_Answer", bound=Message)
 
@@ -93,7 +93,7 @@ class RemoteReplay:
                         raise _misfit(f"it gave states of {batch.stacks.shape[2]} frames")
                     return batch.whole()
                 if answer is None:
-                    self._closed.wait(min(_PAUSE, left))
+                    self._closed.wait(min(_PAUSE_SECONDS, left))
                 if time.monotonic() >= ends:
                     break
             return None
@@ -161,7 +161,7 @@ class RemoteReplay:
                 _log.warning("the replay does not answer: training waits for it")
             away = True
             alive()
-            self._closed.wait(_PAUSE)
+            self._closed.wait(_PAUSE_SECONDS)
         if away:
             _log.warning("the replay answers again: training continues")
         return answer

@@ -28,6 +28,7 @@ from replay.store import Store
 from replay.turns import Turns
 
 _HURRIED_READS = 3
+"""Number of reads beside writers before one that keeps them out."""
 _log = logging.getLogger(__name__)
 _Found = TypeVar("_Found")
 

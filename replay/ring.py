@@ -31,6 +31,7 @@ STEP = 8
 """Bit of the flags: the slot holds a step, not a context frame or a final frame."""
 
 _BLOCK = 65_536
+"""Number of ids that are followed at a time: those of a whole ring take 100 MB."""
 
 Ids = NDArray[np.int64]
 

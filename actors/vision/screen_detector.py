@@ -189,7 +189,7 @@ def _confirm(
 
 
 def _is_picture_shaped(homography: NDArray[np.float64], width: int, height: int) -> bool:
-    """Whether NAO's camera could see a rectangle of the projector's shape as this homography.
+    """Whether the camera could see a rectangle of the projector's shape as this homography.
 
     The homography's first two columns are projections of the plane's axes (Zhang 2000).
     """

@@ -40,8 +40,6 @@ _PANDAS = {
     "column_indexes": [],
 }
 """Tells pandas that the tasks' texts are the index, because LeRobot looks for them there."""
-
-
 _SLICE = 4_000_000
 """Number of values that are processed at a time: all frames of a game would fill the memory."""
 _QUANTILES = {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99}

@@ -46,7 +46,7 @@ WeightsFile = Annotated[
         str_from_instance=lambda value: [str(value)],
     ),
 ]
-"""A network: a file, or the name of a published policy."""
+"""A network, as `common.run.origin.find_weights` finds it."""
 
 ALL_RANGES = "--randomise.all"
 """Flag that sets the published range of everything that can be drawn for each game."""

@@ -27,6 +27,7 @@ from learner.telemetry.snapshot import Histogram, Snapshot
 from replay.chunk_statistics import Progress
 
 _RATE_WINDOW = 15.0
+"""Seconds over which recent rates are measured."""
 _NOTES = 20
 _FRAME_EDGES = [ms_of(frames) for frames in range(MOST_FRAMES + 1)]
 _OF_2017 = PRESETS["paper"].protocol
@@ -63,6 +64,7 @@ class Telemetry:
         self.rows: list[EpochRow] = []
         """The rows of all complete phases and tests."""
         self._ticks: deque[tuple[float, int, int, float]] = deque()
+        """Seconds, and the agent steps, updates and processor seconds until then."""
         self._notes: deque[str] = deque(maxlen=_NOTES)
 
     def start(self, rows: int = 0, resumed_at: int | None = None) -> None:
@@ -201,19 +203,20 @@ class Telemetry:
     def _rates(self, updates: int) -> dict[str, Value]:
         """Returns recent rates of agent steps, updates and processor time, and steps per second
         over whole phases."""
-        now, busy = self.now(), time.process_time()
-        self._ticks.append((now, self.phases.agent_steps, updates, busy))
-        while now - self._ticks[0][0] > _RATE_WINDOW:
+        now = self.now(), self.phases.agent_steps, updates, time.process_time()
+        self._ticks.append(now)
+        while now[0] - self._ticks[0][0] > _RATE_WINDOW:
             self._ticks.popleft()
-        then, steps, before, idle = self._ticks[0]
-        seconds = now - then
-        steps_rate = (self.phases.agent_steps - steps) / seconds if seconds >= 1 else None
+        seconds, *done = (new - old for new, old in zip(now, self._ticks[0], strict=True))
+        steps_rate, update_rate, busy_cores = (
+            each / seconds if seconds >= 1 else None for each in done
+        )
         train, test = self._rate("train"), self._rate("test")
         train = steps_rate if train is None else train
         return {
             "stream/steps_per_second": steps_rate,
-            "learning/updates_per_second": (updates - before) / seconds if seconds >= 1 else None,
-            "run/busy_cores": (busy - idle) / seconds if seconds >= 1 else None,
+            "learning/updates_per_second": update_rate,
+            "run/busy_cores": busy_cores,
             "run/train_steps_per_second": train,
             "run/test_steps_per_second": test,
             "run/epochs_per_day": epochs_per_day(
