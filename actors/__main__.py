@@ -17,6 +17,7 @@ if __name__ == "__main__":
 import os
 import sys
 from collections.abc import Sequence
+from itertools import zip_longest
 
 from actors.options import ActorOptions
 from common.errors import exit_on_input_error
@@ -34,12 +35,12 @@ def viewer_command(arguments: Sequence[str]) -> list[str]:
     given = {argument.partition("=")[0] for argument in arguments}
     for flag, command in _VIEWER_COMMANDS.items():
         if flag in given:
-            # Only play has a clock; the others always run in lockstep. A network needs no flag.
-            understood = {f"--{command}", "--sync"}
-            if arguments[-1] != "--weights":  # else its value is missing, which the viewer tells
-                understood.add("--weights")
-            rest = (each.removeprefix("--weights=") for each in arguments)
-            return [command, *(each for each in rest if each not in understood)]
+            # Only play has a clock; the others always run in lockstep.
+            rest = [each for each in arguments if each not in (f"--{command}", "--sync")]
+            # A network needs no flag. If it is missing, the viewer says so.
+            pairs = zip_longest(rest, rest[1:], fillvalue="-")
+            named = (each for each, to in pairs if each != "--weights" or to.startswith("-"))
+            return [command, *(each.removeprefix("--weights=") for each in named)]
     return []
 
 

@@ -30,6 +30,8 @@ from viewer.check import Check
         ("--play --weights w.safetensors --games 2", "play w.safetensors --games 2"),
         ("--play --weights=w.safetensors", "play w.safetensors"),
         ("--play --weights", "play --weights"),
+        ("--weights --play", "play --weights"),
+        ("--play --weights --seed 3", "play --weights --seed 3"),
     ],
 )
 def test_former_flags_of_the_viewer(arguments: str, meant: str) -> None:
