@@ -67,9 +67,9 @@ def find_run(
     if name is not None:
         check_name("run", name)
     began = time.monotonic()
-    unfit: dict[str, InputError] = {}
     while True:
         found: dict[str, Announcement] = {}
+        unfit: dict[str, InputError] = {}
         for answer in transport.gather(RunKeys(name or "*").config, _DEADLINE):
             try:
                 told = Announcement.decode(answer.payload)

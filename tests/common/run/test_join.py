@@ -3,11 +3,12 @@
 import threading
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from unittest.mock import Mock
 
 import pytest
 
-from common.errors import InputError
+from common.errors import InputError, Unreachable
 from common.protocol.announcement import Announcement
 from common.protocol.run_keys import RunKeys
 from common.protocol.wire import SCHEMA, pack
@@ -72,6 +73,22 @@ def test_of_runs_that_cannot_be_played_here_one_is_told(hub: Transport, client: 
     announce(hub, "a", Announcement("a", FAST, FAST.action_count + 1, "id-a").encode())
     with pytest.raises(InputError, match=r"has 7 actions at the hub and 6 here"):
         find_run(client, None, 0.0, never)
+
+
+def test_a_run_that_could_not_be_played_and_has_ended_is_not_told(
+    hub: Transport, client: Transport, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    times = iter((0.0, 0.0, 9.0))
+    time = SimpleNamespace(monotonic=lambda: next(times), sleep=lambda _: None)
+    monkeypatch.setattr("common.run.join.time", time)
+    unfit = announce(hub, "a", Announcement("a", FAST, FAST.action_count + 1, "id-a").encode())
+
+    def ends() -> bool:
+        unfit.close()
+        return False
+
+    with pytest.raises(Unreachable, match="the hub serves no run"):
+        find_run(client, None, 9.0, ends)
 
 
 def test_who_answers_for_one_run_cannot_speak_of_another(hub: Transport, client: Transport) -> None:
