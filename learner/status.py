@@ -104,7 +104,8 @@ class Report:
 
         def say(text: str, style: str = "") -> None:
             # Rich would leave a blank at the end of a line that it breaks.
-            lines = textwrap.wrap(one_line(text), console.width, break_on_hyphens=False)
+            width = max(console.width, 1)  # it is 0 if COLUMNS is
+            lines = textwrap.wrap(one_line(text), width, break_on_hyphens=False)
             console.print("\n".join(lines), style=style)
 
         words = f"run {self.run} at {self.endpoint}"

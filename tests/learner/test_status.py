@@ -158,6 +158,11 @@ def test_what_is_longer_than_a_line_breaks_without_a_blank_at_its_end(client: Tr
     assert not any(line.endswith(" ") for line in sentences)
 
 
+def test_a_terminal_without_columns_costs_no_more_than_the_text(client: Transport) -> None:
+    StatusSink(client, KEYS).write(NOW)
+    assert not shown(ask(client, KEYS, ""), 0).strip()
+
+
 def test_processes_that_have_not_joined_yet_have_a_row(client: Transport) -> None:
     sink = StatusSink(client, KEYS)
     rows = []
