@@ -43,14 +43,14 @@ class RunningMeans:
             )
         latest = torch.stack((*figures.values(), torch.ones_like(result.loss)))
         before = torch.zeros_like(latest) if self._sums is None else self._sums
-        keep = (1 - 1 / HORIZON) ** EVERY
+        after = before * (1 - 1 / HORIZON) ** EVERY + latest
         self._names = tuple(figures)
-        # A non-finite minibatch would stay in the means for ever.
-        self._sums = torch.where(latest.isfinite().all(), before * keep + latest, before)
+        # A minibatch that made a sum non-finite would stay in the means for ever.
+        self._sums = torch.where(after.isfinite().all(), after, before)
 
     def values(self) -> dict[str, Value]:
-        """Returns the means under ``learning/``, without minibatches that have a non-finite figure;
-        none before the first update.
+        """Returns the means under ``learning/``, without minibatches that would make one of them
+        non-finite; none before the first update.
 
         The relative TD error is the mean of δ², divided by the variance of the targets in the same
         samples: the share of that variance that the values leave unexplained. A network that

@@ -100,6 +100,14 @@ def test_a_minibatch_that_is_not_finite_does_not_count(loss: float) -> None:
     assert told[0].keys() >= {"learning/loss", "learning/pixel_deviation"}
 
 
+def test_a_minibatch_that_is_too_large_to_be_added_does_not_count() -> None:
+    means = RunningMeans()
+    for loss in (3e38, 3e38, 1.0):
+        for _ in range(EVERY):
+            means.add(random_batch(), updated(loss, torch.zeros(8)))
+    assert 0 < float(means.values()["learning/loss"] or 0) < 3e38
+
+
 def test_nothing_is_known_while_no_minibatch_is_finite() -> None:
     means = RunningMeans()
     means.add(random_batch(), updated(float("nan"), torch.full((8,), float("nan"))))
