@@ -1,6 +1,7 @@
 """Finds networks on disk, and the settings of their training."""
 
 import json
+import os
 import shlex
 from collections.abc import Callable
 from operator import attrgetter
@@ -208,7 +209,8 @@ def _flag(setting: str, config: RunConfig) -> str:
 
 def run_of(weights: Path) -> RunFolder | None:
     """Returns the run whose folder or snapshots hold ``weights``; None if there is none."""
-    for folder in weights.resolve().parents[:2]:
+    # `Path.resolve` raises RuntimeError for a link to itself.
+    for folder in Path(os.path.realpath(weights)).parents[:2]:
         if (run := RunFolder.at(folder)) is not None:
             return run
     return None

@@ -12,7 +12,7 @@ from common.network import build_network
 from common.protocol.weights import encode_weights
 from common.registry import ALGORITHMS, ENVIRONMENTS, AlgorithmKind, Environment
 from common.run.config import RunConfig
-from common.run.origin import check_fit, origin_of
+from common.run.origin import check_fit, find_weights, origin_of
 from common.run.own_settings import own_settings
 from common.run.presets import PRESETS
 from common.run.stored_config import to_json
@@ -160,6 +160,13 @@ def test_a_file_on_its_own_tells_the_settings_of_its_training(tmp_path: Path) ->
         origin_of(file)
     file.unlink()  # as its reader will say
     assert origin_of(file) is None
+
+
+def test_a_link_to_itself_is_no_file(tmp_path: Path) -> None:
+    link = tmp_path / "link"
+    link.symlink_to(link)
+    with pytest.raises(InputError, match="link is not a file: name a network's file"):
+        find_weights(link)
 
 
 @pytest.mark.parametrize(
