@@ -72,7 +72,7 @@ def measure(options: Options) -> Report:
     return Report.of(
         f"Keys of equal hands, {options.latency} frames late",
         rows,
-        {"latency": options.latency, "game": options.game, "seed": options.seed},
+        {name: getattr(options, name) for name in ("latency", "game", "steps", "seed")},
     )
 
 

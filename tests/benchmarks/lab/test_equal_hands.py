@@ -94,6 +94,9 @@ def test_hands_that_can_keep_the_schedule_keep_it_in_every_frame(tmp_path: Path)
     rows = run(tmp_path, "--robots", "LateRobot", "--latency", "5")
     assert [row["share of frames with other keys"] for row in rows] == [0, 0, 0]
     assert [row["agent steps between commands"] for row in rows] == [1, 3, 12]
+    told = json.loads((tmp_path / "found.json").read_text())
+    asked = {"latency": 5, "game": "pong", "steps": 300, "seed": 1}
+    assert {name: told.get(name) for name in asked} == asked
 
 
 def test_hands_that_need_longer_differ_and_most_where_commands_are_short(tmp_path: Path) -> None:
