@@ -16,6 +16,8 @@ from benchmarks.child import free_endpoint
 from common.run.join import find_run
 from common.run.presets import PRESETS
 from common.transport.chosen import connect
+from replay.__main__ import _line as replay_line
+from replay.chunk_statistics import Progress
 from replay.client import RemoteReplay
 from tests.patience import PATIENCE, wait_until
 from tests.replay.replay_reference import GOES_ON, RUN, TERMINATES, Actor
@@ -111,6 +113,12 @@ def test_nothing_acknowledged_is_lost_by_kill_9(tmp_path: Path, started: list[Pr
     started[1].process.send_signal(signal.SIGINT)
     assert started[1].ended() == 0
     assert re.search(r"480 steps, 400 stored, .* 30 accepted, 2 duplicate", started[1].lines[-1])
+
+
+def test_sizes_are_told_in_decimal_units() -> None:
+    told = Progress(*(0,) * 6, False, 2_000_000_000, 30_000_000, 4_500_000_000, ())
+    words = "; 30 MB private, 2,000 MB resident, 4.50 GB of file."
+    assert replay_line(told).endswith(words)
 
 
 def test_what_cannot_be_is_said_in_one_line(tmp_path: Path, started: list[Process]) -> None:

@@ -168,6 +168,8 @@ def test_another_robot_is_watched_without_the_settings_of_the_former(tmp_path: P
         weights = in_run(tmp_path, ran, 4)
         assert Played().config(weights).play == play
         assert Played("world", robot="tall").config(weights).play == play
+        found = Played(env_settings="reach=3").config(weights).play
+        assert found == replace(play, env_settings="reach=3")
         found = Played(robot="nao").config(weights).play
         assert found == replace(play, robot="nao", robot_settings="")
         found = Played("ale").config(weights).play
