@@ -143,7 +143,8 @@ class Report:
 
 
 def _rows(learner: RunStatus | None) -> Iterator[tuple[str, ...]]:
-    """Yields one row for the learner, one for each of its actors, and one for those that start."""
+    """Yields one row for the learner, one for each of its actors, and one for those of local mode
+    that start."""
     if learner is None:
         yield ("learner", "does not answer", *[UNKNOWN] * 4)
         return
@@ -162,7 +163,7 @@ def _rows(learner: RunStatus | None) -> Iterator[tuple[str, ...]]:
             _ago(actor.silent_for),
         )
     if learner.values.get("stream/actors_starting"):
-        yield fill("{stream/actors_starting} more", learner.values), "starting", *[UNKNOWN] * 4
+        yield fill("{stream/actors_starting} local", learner.values), "starting", *[UNKNOWN] * 4
 
 
 def _ago(seconds: float) -> str:

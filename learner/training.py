@@ -282,7 +282,10 @@ class Learner:
         """Number of local mode's children that have not joined yet. They take seconds to start."""
         if self._children is None:
             return 0
-        return len(self._children.at_work() - {each.stats.name for each in self.registry.actors()})
+        # One that is lost has been started again; one that leaves takes a moment to end.
+        actors = self.registry.actors()
+        joined = {each.stats.name for each in actors if each.alive or each.stats.leaving}
+        return len(self._children.at_work() - joined)
 
     def _check_health(self, checks: Sequence[HealthCheck]) -> None:
         """Ends an unhealthy run, unless it only waits for its last tests."""

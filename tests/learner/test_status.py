@@ -169,8 +169,8 @@ def test_processes_that_have_not_joined_yet_have_a_row(client: Transport) -> Non
     rows = []
     for starting in (2, 0):
         sink.write(snapshot({"stream/actors_starting": starting}))
-        rows.append(re.findall(r"(\d more) +starting ", shown(ask(client, KEYS, ""))))
-    assert rows == [["2 more"], []]
+        rows.append(re.findall(r"(\d local) +starting ", shown(ask(client, KEYS, ""))))
+    assert rows == [["2 local"], []]
 
 
 def test_what_is_no_flag_is_told_how_a_learner_is_asked() -> None:

@@ -20,6 +20,7 @@ from safetensors.torch import load
 
 from common.errors import InputError
 from common.metrics import Values
+from common.protocol.actor_stats import ActorStats
 from common.protocol.chunk import Game
 from common.protocol.run_status import HealthCheck
 from common.protocol.wire import decode_version
@@ -31,6 +32,7 @@ from learner.clock import RunClock
 from learner.health_guard import HealthGuard
 from learner.loss_guard import LossGuard
 from learner.phases import Phases
+from learner.telemetry.snapshot import ActorView
 from learner.training import Learner
 from replay.chunk_statistics import ChunkStatistics, Progress
 
@@ -116,6 +118,8 @@ class World:
         """Whether there is no room even for a checkpoint."""
         self.first = 0
         """Chunk from which a resumed learner counts."""
+        self.ended: dict[str, bool] = {}
+        """Whether each process that has gone said farewell."""
         self.starting: list[Any] = []
         """Children that had not joined at each look."""
 
@@ -267,7 +271,10 @@ class World:
             "registry": SimpleNamespace(
                 alive=lambda role: self.actors if role == "actor" else self.evaluators,
                 actors=lambda: [
-                    SimpleNamespace(stats=SimpleNamespace(name=name))
+                    ActorView(
+                        stats=ActorStats(name, "actor", leaving=self.ended.get(name, False)),
+                        alive=name not in self.ended,
+                    )
                     for name in self.actors | self.evaluators
                 ],
                 state=lambda: ["a"],
@@ -787,16 +794,18 @@ def test_local_modes_children_are_watched_and_asked_to_leave() -> None:
     ]
 
 
-def test_local_modes_children_are_starting_until_they_join() -> None:
+def test_local_modes_children_are_starting_until_they_join_and_again_after_a_loss() -> None:
     world = World(evaluators=set())
     at_work = {"actor-1", "evaluator-1"}
     world.once(lambda: world.updates >= 100, lambda: world.actors.add("actor-1"))
-    world.once(lambda: world.updates >= 200, at_work.clear)  # one that never joined
-    world.stops_at(300)
+    world.once(lambda: world.updates >= 200, lambda: world.ended.update({"actor-1": False}))
+    world.once(lambda: world.updates >= 300, lambda: world.ended.update({"actor-1": True}))
+    world.once(lambda: world.updates >= 400, at_work.clear)  # one that never joined
+    world.stops_at(500)
     learner = world.learner()
     learner.start()
     learner.run(children_of_local_mode(at_work=lambda: at_work))
-    assert [count for count, _ in groupby(world.starting)] == [2, 1, 0]
+    assert [count for count, _ in groupby(world.starting)] == [2, 1, 2, 1, 0]
     alone = World()
     alone.stops_at(60)
     run(alone)
