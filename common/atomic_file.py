@@ -29,7 +29,7 @@ def write_atomically(path: Path, content: bytes, former: Path | None = None) -> 
     The content is on the disk when this returns.
 
     Args:
-        former: path at which the old content is kept; it does not change if writing fails.
+        former: path at which the old content is kept, once the new one is on the disk.
     """
     fresh, kept = path.with_name(path.name + ".tmp"), path.with_name(path.name + ".kept")
     fresh.unlink(missing_ok=True)  # left by a killed process, or a link to somewhere else
@@ -41,12 +41,15 @@ def write_atomically(path: Path, content: bytes, former: Path | None = None) -> 
         if former is not None and path.exists():
             # A link comes first, so that a file is at `path` at every moment.
             kept.unlink(missing_ok=True)
-            os.link(path, kept)
+            try:
+                os.link(path, kept)
+            except OSError:  # as on a FAT disk, which has no links
+                shutil.copyfile(path, kept)
             kept.replace(former)
+        fresh.replace(path)
     except OSError:
         fresh.unlink(missing_ok=True)  # a partial file must not fill the disk
         raise
-    fresh.replace(path)
     folder = os.open(path.parent, os.O_RDONLY)
     try:
         os.fsync(folder)  # or a power failure could restore the old name

@@ -35,6 +35,28 @@ def test_a_write_that_fails_leaves_the_old_file(
     assert os.listdir(tmp_path) == ["file"]
 
 
+def test_a_name_that_cannot_be_replaced_leaves_no_file_beside_it(tmp_path: Path) -> None:
+    path = tmp_path / "file"
+    path.mkdir()
+    with pytest.raises(OSError, match="file"):
+        write_atomically(path, b"new")
+    assert os.listdir(tmp_path) == ["file"]
+
+
+def test_a_disk_without_links_keeps_the_former_content_too(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def no_links(source: Path, target: Path) -> None:
+        raise PermissionError(errno.EPERM, os.strerror(errno.EPERM))
+
+    monkeypatch.setattr(os, "link", no_links)
+    path, former = tmp_path / "file", tmp_path / "former"
+    for content in (b"first", b"second", b"third"):
+        write_atomically(path, content, former)
+    assert (path.read_bytes(), former.read_bytes()) == (b"third", b"second")
+    assert sorted(os.listdir(tmp_path)) == ["file", "former"]
+
+
 def test_what_is_appended_is_there_whole_or_not_at_all(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
