@@ -6,7 +6,7 @@ from importlib import import_module
 from itertools import takewhile
 
 from ale_robot import __version__
-from ale_robot.commands import LOADING, OF_POLICIES, PROGRAMS, help_of, overview
+from ale_robot.commands import LOADING, MEANT, OF_POLICIES, PROGRAMS, help_of, overview
 from common.errors import InputError, choice, exit_on_input_error
 from common.process.lifeline import leave_at_interrupt
 
@@ -21,7 +21,8 @@ def run() -> int | None:
         print(overview(everything=name == "--help-all"))
         return 0
     if name not in PROGRAMS:
-        raise InputError(f"there is no command {name!r}: {choice(name, list(PROGRAMS))}")
+        meant = MEANT.get(name) or choice(name, list(PROGRAMS))
+        raise InputError(f"there is no command {name!r}: {meant}")
     helps = {"-h", "--help", "--help-all"} & {*arguments}
     if helps and name == "policies" and arguments[0] in OF_POLICIES:
         arguments = [arguments[0], "--help"]

@@ -27,6 +27,12 @@ PROGRAMS: dict[str, tuple[str, ...]] = {
 }
 """Programs by command: the module whose ``main`` is called, and the arguments that come before the
 user's."""
+MEANT = {
+    "help": "`ale-robot --help` lists the commands, `ale-robot COMMAND --help` explains one.",
+    "list": "`ale-robot policies` lists the policies, `ale-robot --help-all` the games.",
+    "version": "`ale-robot --version` tells it.",
+}
+"""What serves instead, by the words that are commands of other programs."""
 LOADING = {"watch", "play", "record", "check", "film", "evaluate"}
 """Commands that announce at a terminal that they load PyTorch; `train` announces it everywhere."""
 EXTENSIBLE = {"train", "replay", "evaluate", "watch", "play", "human", "record", "check", "film"}

@@ -152,6 +152,10 @@ def test_what_is_no_command_is_told_with_those_that_are(monkeypatch: pytest.Monk
         run(monkeypatch, "wach")
     with pytest.raises(InputError, match="no command 'xyzzy': choose one of watch, train"):
         run(monkeypatch, "xyzzy")
+    with pytest.raises(InputError, match="no command 'list': `ale-robot policies` lists"):
+        run(monkeypatch, "list")
+    with pytest.raises(InputError, match="no command 'help': `ale-robot --help` lists"):
+        run(monkeypatch, "help", "watch")
 
 
 def test_an_evaluation_without_a_network_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
