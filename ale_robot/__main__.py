@@ -6,7 +6,7 @@ from importlib import import_module
 from itertools import takewhile
 
 from ale_robot import __version__
-from ale_robot.commands import LOADING, MEANT, OF_POLICIES, PROGRAMS, help_of, overview
+from ale_robot.commands import MEANT, OF_POLICIES, PROGRAMS, help_of, overview
 from common.errors import InputError, choice, exit_on_input_error
 from common.process.lifeline import leave_at_interrupt
 
@@ -36,9 +36,6 @@ def run() -> int | None:
     elif name == "evaluate" and (not arguments or arguments[0].startswith("-")):
         raise InputError("no network is named: name one, as in `ale-robot evaluate robot_pong`.")
     sys.argv = [f"ale-robot {name}", *given, *arguments]
-    seen = name == "train" or (name in LOADING and sys.stdout.isatty())
-    if seen and not {"--help", "--version", "--log-json"} & {*arguments}:
-        print("starting ... (loading PyTorch takes some seconds)", flush=True)
     try:
         program = import_module(module)
     except ModuleNotFoundError as error:

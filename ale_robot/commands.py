@@ -33,8 +33,6 @@ MEANT = {
     "version": "`ale-robot --version` tells it.",
 }
 """What serves instead, by the words that are commands of other programs."""
-LOADING = {"watch", "play", "record", "check", "film", "evaluate"}
-"""Commands that announce at a terminal that they load PyTorch; `train` announces it everywhere."""
 EXTENSIBLE = {"train", "replay", "evaluate", "watch", "play", "human", "record", "check", "film"}
 """Commands whose flags choose an environment, a robot or an algorithm."""
 

@@ -21,7 +21,7 @@ from common.errors import exit_on_input_error
 from common.process.command_line import parse_run
 from common.process.exit_codes import INTERRUPTED
 from common.process.lifeline import on_signals
-from common.process.log_lines import say, say_json
+from common.process.log_lines import LOADING, say, say_aside, say_json
 from common.process.restarts import with_restarts
 from learner import status
 from learner.options import LearnerOptions, opening, stored_config
@@ -35,6 +35,7 @@ def main() -> int | None:
     options, stored = parse_run(LearnerOptions, "learner", sys.argv[1:], stored_config)
     options.check()
     if options.evaluation.evaluate is not None:
+        say_aside(LOADING)
         from learner.evaluation.offline import evaluate
 
         stop = threading.Event()
@@ -44,8 +45,7 @@ def main() -> int | None:
     options.check_installed()
     if options.log_json:
         say_json("learner")
-    if (opened := opening(options)) is not None:
-        say(opened)
+    say(opening(options))
     from learner.process import train
 
     return with_restarts("the learner", partial(train, options), options.restart)

@@ -19,6 +19,7 @@ from common.metrics import Value
 from common.process.command_line import RunOptions, WeightsFile, started_by
 from common.process.extras import check_extra
 from common.process.http_endpoints import check_address
+from common.process.log_lines import LOADING
 from common.registry import ALGORITHMS
 from common.run.clock import ClockConfig
 from common.run.config import MAX_ENVS, RunConfig
@@ -183,18 +184,17 @@ def going_on(options: LearnerOptions) -> LearnerOptions:
     return replace(options, resume=True, initial=initial)
 
 
-def opening(options: LearnerOptions) -> str | None:
-    """Returns a line that says what a resumed run opens, which may take a minute; None for a run
-    that begins."""
+def opening(options: LearnerOptions) -> str:
+    """Returns the first line of a run; of a resumed run it says what is opened, which may take a
+    minute."""
     folder = RunFolder(options.runs, run_name(options))
     if not (options.resume and folder.has_begun):
-        return None
+        return LOADING
     replay = f"the replay at {options.connect}"
     if options.connect is None:
         size = sum(file.stat().st_size for file in folder.replay.glob("*"))
-        steps = options.config.replay.capacity
-        replay = f"its replay, a ring of {steps:,} steps ({size / 1e9:.2f} GB)"
-    return f"going on with run {folder.name}: opening its checkpoint, and {replay} ..."
+        replay = f"its replay ({size / 1e9:.2f} GB)"
+    return f"going on with run {folder.name}: opening its checkpoint and {replay} ..."
 
 
 def run_name(options: LearnerOptions) -> str:

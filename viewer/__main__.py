@@ -23,6 +23,7 @@ import cv2
 from common.errors import InputError, exit_on_input_error
 from common.process.command_line import parse
 from common.process.lifeline import on_signals
+from common.process.log_lines import LOADING, say
 from common.process.own_flags import own_help
 from viewer.check import Check
 from viewer.draws import Draws
@@ -52,6 +53,8 @@ def main() -> int:
     on_signals(stop)
     if not isinstance(command, Human | Draws | Policies):  # where no network plays
         # Not before the command is known: help and a wrong flag come at once.
+        if sys.stdout.isatty():
+            say(LOADING)
         import torch
 
         torch.set_num_threads(1)

@@ -17,6 +17,8 @@ from common.process.output import silence, visible
 from common.regular_file import no_links
 from common.strict_json import strict
 
+LOADING = "starting ... (loading PyTorch takes some seconds)"
+"""Line of a program that has checked its flags."""
 _MOST_BYTES = 8 * 2**20
 """Maximum size of a run's log, because strangers may cause lines; one earlier log is kept too."""
 _REPEAT = 10.0

@@ -91,32 +91,6 @@ def test_a_command_is_its_program_with_its_flags_before_the_users(
     ]
 
 
-def test_training_says_at_once_that_it_starts_but_for_programs_that_read_json(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setitem(PROGRAMS, "train", ("nobodys",))  # fails where PyTorch would be loaded
-    said = []
-    for flag in ("--resume", "--log-json"):
-        with pytest.raises(InputError):
-            run(monkeypatch, "train", flag)
-        said.append(capsys.readouterr().out)
-    assert said == ["starting ... (loading PyTorch takes some seconds)\n", ""]
-
-
-def test_what_takes_long_to_load_says_so_at_a_terminal_alone(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    said = []
-    for name in ("watch", "record", "plot"):
-        monkeypatch.setitem(PROGRAMS, name, ("nobodys",))
-        for terminal in (True, False):
-            monkeypatch.setattr(sys.stdout, "isatty", lambda terminal=terminal: terminal)
-            with pytest.raises(InputError):
-                run(monkeypatch, name)
-            said.append("starting ..." in capsys.readouterr().out)
-    assert said == [True, False, True, False, False, False]
-
-
 def test_programs_that_compute_nothing_or_tell_only_their_flags_load_no_pytorch() -> None:
     modules = (
         *("actors.__main__", "ale_robot.hub", "deploy.__main__", "learner.__main__"),

@@ -7,12 +7,14 @@ from pathlib import Path
 
 import pytest
 
+from common.process.log_lines import LOADING
 from tests.end_to_end.conftest import SMALL, Stage
 
 
 def _sentence(output: str) -> str:
     *before, line = output.strip().splitlines()
-    assert all(each.startswith(("waiting for a run at ", "going on with run ")) for each in before)
+    known = ("waiting for a run at ", "going on with run ", LOADING)
+    assert all(each.startswith(known) for each in before)
     assert line.startswith("error: ")
     assert line[-1] in ".?"
     return line

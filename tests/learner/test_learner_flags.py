@@ -12,6 +12,7 @@ from safetensors.numpy import save
 from actors.options import ActorOptions
 from common.errors import InputError
 from common.process.command_line import parse, parse_run
+from common.process.log_lines import LOADING
 from common.protocol.weights import encode_weights
 from common.run.clock import ClockConfig
 from common.run.config import RunConfig
@@ -192,14 +193,14 @@ def test_a_run_that_goes_on_says_first_what_is_opened(
     folder, flags = RunFolder(tmp_path, "r"), ("--runs", str(tmp_path), "--run", "r")
     config = learner(*flags).config
     folder.claim("learner", config, begun=folder.checkpoint, resume=False)
-    assert opening(learner(*flags, "--resume")) is None  # it has nothing yet
+    assert opening(learner(*flags, "--resume")) == LOADING  # it has nothing yet
     folder.checkpoint.touch()
-    assert opening(learner(*flags)) is None
+    assert opening(learner(*flags)) == LOADING
     folder.replay.mkdir()
     (folder.replay / "frames.bin").write_bytes(bytes(20_000_000))
-    begins = "going on with run r: opening its checkpoint, and "
+    begins = "going on with run r: opening its checkpoint and "
     told = opening(learner(*flags, "--resume"))
-    assert told == f"{begins}its replay, a ring of 300,000 steps (0.02 GB) ..."
+    assert told == f"{begins}its replay (0.02 GB) ..."
     elsewhere = opening(learner(*flags, "--resume", "--connect", "tcp/h:1"))
     assert elsewhere == f"{begins}the replay at tcp/h:1 ..."
 
@@ -209,6 +210,26 @@ def test_a_run_that_goes_on_says_first_what_is_opened(
     with pytest.raises(ImportError):
         main()
     assert capsys.readouterr().out == f"{told}\n"
+
+
+def test_a_program_says_that_it_starts_once_its_flags_are_known_to_be_right(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for module in ("process", "evaluation.offline"):  # where PyTorch would be loaded
+        monkeypatch.setitem(sys.modules, f"learner.{module}", None)
+
+    def said(raised: type[Exception], *arguments: str) -> tuple[str, str]:
+        monkeypatch.setattr(sys, "argv", ["learner", *arguments])
+        with pytest.raises(raised):
+            main()
+        return capsys.readouterr()
+
+    evaluation = ("--evaluate", "robot_pong")
+    assert said(InputError, "--steps", "5") == said(InputError, "--game", "pomg") == ("", "")
+    assert said(InputError, *evaluation, "--games", "0") == ("", "")
+    assert said(ImportError, "--steps", "500000") == (f"{LOADING}\n", "")
+    # Standard output has only the results.
+    assert said(ImportError, *evaluation) == ("", f"{LOADING}\n")
 
 
 @pytest.mark.parametrize(

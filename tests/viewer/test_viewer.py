@@ -19,6 +19,7 @@ from actors.robots.nao.assembly import write_nao
 from common.errors import InputError
 from common.network import build_network
 from common.process.command_line import parse
+from common.process.log_lines import LOADING
 from common.protocol.weights import encode_weights
 from common.registry import ENVIRONMENTS, ROBOTS, Environment, RobotKind
 from common.run.clock import ClockConfig
@@ -67,6 +68,21 @@ def test_commands(tmp_path: Path) -> None:
     found = parse(COMMANDS["play"], "viewer", [str(weights), "--viewer", "rerun", "--no-sync"])
     assert found == Play(weights=weights, viewer="rerun", clock=ClockConfig(sync=False))
     assert parse(COMMANDS["check"], "viewer", ["-o", "p.png"]) == Check(output=Path("p.png"))
+
+
+def test_a_command_says_at_a_terminal_that_it_loads_pytorch_if_its_flags_are_right(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(sys.modules, "torch", None)
+    said = []
+    for terminal in (True, False):
+        monkeypatch.setattr(sys.stdout, "isatty", lambda terminal=terminal: terminal)
+        for flags, raised in ((["--seed", "1"], ImportError), (["--nao-urdf", "x"], InputError)):
+            monkeypatch.setattr(sys, "argv", ["viewer", "play", *flags])
+            with pytest.raises(raised):
+                main()
+            said.append(capsys.readouterr().out)
+    assert said == [f"{LOADING}\n", "", "", ""]
 
 
 @pytest.mark.parametrize("kind", [Watch, Play, Film])
