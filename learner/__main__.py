@@ -42,7 +42,7 @@ def main() -> int | None:
         on_signals(stop)
         found = evaluate(options.evaluation, options.config, stored, options.clock, stop)
         return INTERRUPTED if found is None else 0
-    options.check_installed()
+    options.check_here()
     if options.log_json:
         say_json("learner")
     say(opening(options))

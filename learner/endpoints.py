@@ -38,7 +38,7 @@ def open_replay(
     config, endpoint = options.config, options.connect
     if endpoint is None:
         most = tolerated(options.actor_quota)
-        folder.claim("replay", config, begun=folder.replay, resume=options.resume)
+        folder.claim("replay", config, resume=options.resume)
         with (
             open_hub(options.listen, options.certificates, most, folder.name) as transport,
             closing(ReplayBuffer(config, folder.replay)) as buffer,

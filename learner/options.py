@@ -140,10 +140,10 @@ class LearnerOptions(RunOptions):
         if not self.resume:  # the settings of a resumed run are fixed
             self._check_algorithm()
 
-    def check_installed(self) -> None:
-        """Refuses flags whose packages this machine lacks.
+    def check_here(self) -> None:
+        """Refuses flags whose packages this machine lacks, or that do not suit the run's folder.
 
-        `check` leaves this out, because the machine that launches a run may lack them.
+        `check` leaves this out, because the machine that launches a run may lack both.
 
         Raises:
             InputError: it names the flag.
@@ -158,6 +158,8 @@ class LearnerOptions(RunOptions):
         ):
             if given is not None and extra is not None:
                 check_extra(flag, extra)
+        folder = RunFolder(self.runs, run_name(self))
+        folder.check_claim("learner", self.config, resume=self.resume)
 
     def _check_algorithm(self) -> None:
         """Refuses settings that the algorithm ignores, unless they come from the preset."""

@@ -56,8 +56,7 @@ def train(options: LearnerOptions, again: bool) -> int:
     torch.set_num_threads(options.threads or free_cores(options))
     stop = threading.Event()
     on_signals(stop)
-    begun = folder.checkpoint if folder.checkpoint.exists() else folder.previous
-    folder.claim("learner", config, begun=begun, resume=options.resume)
+    folder.claim("learner", config, resume=options.resume)
     with (
         folder.removed_if_unused(),
         end_with_any_thread(stop),

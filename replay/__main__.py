@@ -90,7 +90,7 @@ def serve(options: ReplayOptions, again: bool) -> None:
     config = options.config
     folder = RunFolder(options.runs, options.run)
     resume = options.resume or (again and folder.stored_config() is not None)
-    folder.claim("replay", config, begun=folder.replay, resume=resume)
+    folder.claim("replay", config, resume=resume)
     stop = threading.Event()
     on_signals(stop)
     pages: dict[str, Callable[[], Page]] = {}

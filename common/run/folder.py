@@ -93,14 +93,13 @@ class RunFolder:
         except (OSError, ValueError, RecursionError) as error:
             raise InputError(f"{self.config_file} cannot be read: {error}.") from None
 
-    def claim(self, part: Part, config: RunConfig, *, begun: Path, resume: bool) -> None:
-        """Claims ``part`` of the run for this process, and settles the run's configuration. Raises
-        InputError if another process holds the part; if there is something to resume but ``resume``
-        is false, or the reverse; or if the run has a different configuration.
+    def check_claim(self, part: Part, config: RunConfig, *, resume: bool) -> RunConfig | None:
+        """Returns the configuration with which the run was started, as `stored_config`. Raises
+        InputError if there is something to resume but ``resume`` is false, or the reverse; or if
+        the run has a different configuration.
 
         Args:
             config: the configuration of this process.
-            begun: a file or folder that exists once this part has been started.
             resume: whether to continue what is there.
         """
         stored = self.stored_config()
@@ -108,7 +107,7 @@ class RunFolder:
             runs = [path.parent.name for path in self.path.parent.glob("*/config.json")]
             hint = choice(self.name, runs, "start it without --resume.")
             raise InputError(f"there is no run in {self.path} to resume: {hint}")
-        if not resume and begun.exists():
+        if not resume and self._has_started(part):
             raise InputError(
                 f"{self.path} already holds a run: go on with it by --resume, "
                 "or name another with --run."
@@ -121,6 +120,12 @@ class RunFolder:
                 f"the run in {self.path} keeps its settings ({'; '.join(unequal[:5])}): omit those "
                 f"flags, or begin another run with them: --run ANOTHER{another}, without --resume."
             )
+        return stored
+
+    def claim(self, part: Part, config: RunConfig, *, resume: bool) -> None:
+        """Claims ``part`` of the run for this process, and settles the run's configuration. Raises
+        InputError if another process holds the part, or `check_claim` does."""
+        stored = self.check_claim(part, config, resume=resume)
         try:
             self._made |= not self.path.exists()
             self.path.mkdir(parents=True, exist_ok=True)
@@ -152,6 +157,10 @@ class RunFolder:
             }
             if self._made and at_first.issuperset(self.path.iterdir()):
                 shutil.rmtree(self.path)
+
+    def _has_started(self, part: Part) -> bool:
+        checkpoints = (self.checkpoint, self.previous)
+        return any(path.exists() for path in (checkpoints if part == "learner" else [self.replay]))
 
     def _lock(self, part: Part) -> Path:
         return self.path / f".{part}.lock"

@@ -24,7 +24,7 @@ def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     fast = PRESETS["fast"]
     config = replace(fast, learning=replace(fast.learning, network="nips"))
     folder = RunFolder(tmp_path, "fresh")
-    folder.claim("learner", config, begun=folder.checkpoint, resume=False)
+    folder.claim("learner", config, resume=False)
     folder.snapshots.mkdir()
     (folder.snapshots / "best.safetensors").write_bytes(encode_weights(build_network(config, 6)))
     return folder.path

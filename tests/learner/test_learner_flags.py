@@ -152,7 +152,7 @@ def test_an_actor_joins_only_the_run_that_is_asked_for() -> None:
 def test_settings_are_the_runs_that_is_gone_on_with_or_evaluated(tmp_path: Path) -> None:
     trained = replace(PRESETS["paper"], game="breakout", seed=7)
     folder = RunFolder(tmp_path, "r")
-    folder.claim("learner", trained, begun=folder.checkpoint, resume=False)
+    folder.claim("learner", trained, resume=False)
     folder.checkpoint.write_bytes(save({}))
 
     def found(*arguments: str) -> object:
@@ -172,7 +172,7 @@ def test_an_evaluation_draws_only_what_it_is_told_to(tmp_path: Path) -> None:
     trained = replace(preset, seed=7, randomise=replace(all_ranges("robot"), latency=6))
     trained = replace(trained, learning=replace(trained.learning, curriculum_steps=9))
     folder = RunFolder(tmp_path, "r")
-    folder.claim("learner", trained, begun=folder.checkpoint, resume=False)
+    folder.claim("learner", trained, resume=False)
     folder.checkpoint.write_bytes(save({}))
 
     def found(*arguments: str) -> RunConfig:
@@ -192,7 +192,7 @@ def test_a_run_that_goes_on_says_first_what_is_opened(
 ) -> None:
     folder, flags = RunFolder(tmp_path, "r"), ("--runs", str(tmp_path), "--run", "r")
     config = learner(*flags).config
-    folder.claim("learner", config, begun=folder.checkpoint, resume=False)
+    folder.claim("learner", config, resume=False)
     assert opening(learner(*flags, "--resume")) == LOADING  # it has nothing yet
     folder.checkpoint.touch()
     assert opening(learner(*flags)) == LOADING
@@ -227,6 +227,7 @@ def test_a_program_says_that_it_starts_once_its_flags_are_known_to_be_right(
     evaluation = ("--evaluate", "robot_pong")
     assert said(InputError, "--steps", "5") == said(InputError, "--game", "pomg") == ("", "")
     assert said(InputError, *evaluation, "--games", "0") == ("", "")
+    assert said(InputError, "--run", "nobodys", "--resume") == ("", "")
     assert said(ImportError, "--steps", "500000") == (f"{LOADING}\n", "")
     # Standard output has only the results.
     assert said(ImportError, *evaluation) == ("", f"{LOADING}\n")
@@ -287,7 +288,7 @@ def test_a_restart_takes_what_the_run_has_kept_of_the_network_it_was_given(tmp_p
     options = learner("--runs", str(tmp_path), "--run", "r", "--initial", str(given))
     folder = RunFolder(tmp_path, "r")
     assert going_on(options) == options
-    folder.claim("learner", options.config, begun=folder.checkpoint, resume=False)
+    folder.claim("learner", options.config, resume=False)
     assert going_on(options) == replace(options, resume=True)
     folder.initial.touch()
     assert going_on(options) == replace(options, resume=True, initial=None)
@@ -316,10 +317,12 @@ def test_a_package_that_is_not_installed_is_told_before_pytorch_is_loaded(
 
 
 def test_a_run_that_has_its_demonstrations_goes_on_without_their_package(
-    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "pyarrow", None)
-    replace(learner("--demonstrations", "recording"), resume=True).check_installed()
+    options = learner("--runs", str(tmp_path), "--run", "r", "--demonstrations", "recording")
+    RunFolder(tmp_path, "r").claim("learner", options.config, resume=False)
+    replace(options, resume=True).check_here()
 
 
 @pytest.mark.parametrize(

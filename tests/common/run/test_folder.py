@@ -33,8 +33,7 @@ def claim(
     resume: bool = False,
 ) -> RunFolder:
     folder = RunFolder(runs, name)
-    begun = folder.checkpoint if part == "learner" else folder.replay
-    folder.claim(part, config, begun=begun, resume=resume)
+    folder.claim(part, config, resume=resume)
     return folder
 
 
@@ -143,7 +142,7 @@ def test_another_configuration_is_refused_with_the_differences(
 
 def test_learner_and_replay_share_a_run(tmp_path: Path) -> None:
     folder = claim(tmp_path)
-    folder.claim("replay", FAST, begun=folder.replay, resume=False)
+    folder.claim("replay", FAST, resume=False)
     with pytest.raises(InputError, match=r"^another replay is at work in"):
         claim(tmp_path, "replay")
 
@@ -179,7 +178,7 @@ from replay.journal import read_journal
 from common.run.folder import RunFolder
 
 folder = RunFolder(Path(sys.argv[1]), "r")
-folder.claim("learner", PRESETS["fast"], begun=folder.checkpoint, resume=False)
+folder.claim("learner", PRESETS["fast"], resume=False)
 folder.checkpoint.write_bytes(b"x")
 print("held", flush=True)
 sys.stdin.read()
