@@ -24,7 +24,7 @@ from common.metrics import KEYS_AS_COMMANDED, PIXEL_DEVIATION, VALID_FRAMES, Bou
 from common.process.progress import Progress
 from common.registry import ROBOTS
 from viewer.panels import Panels
-from viewer.picture import write_picture
+from viewer.picture import check_picture, write_picture
 from viewer.player import File, Played, ShownPolicy, shown_env
 
 AGENT_STEPS = 200
@@ -51,9 +51,13 @@ class Check(Played):
     nao_urdf: File = None
     """URDF of another NAO, with meshes, to show in the picture; the physics stay the same."""
 
+    def check(self) -> None:
+        self.config()
+        check_picture(self.output)
+
     def run(self, stop: threading.Event) -> int:
-        """Runs the check; returns the exit status. Raises InputError if the picture cannot be
-        written, or the NAO of --nao-urdf cannot be shown."""
+        """Runs the check; returns the exit status. Raises InputError if the NAO of --nao-urdf
+        cannot be shown."""
         config = self.config()
         console = Console(highlight=False)
         with (

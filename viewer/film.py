@@ -20,7 +20,7 @@ from common.run.epochs import EpochRow, EpochTable
 from common.run.folder import RunFolder, kept_networks
 from common.run.origin import find_weights, shown_weights
 from viewer import overlay
-from viewer.movie import check_length, open_movie
+from viewer.movie import check_movie, open_movie
 from viewer.panels import Panels
 from viewer.player import File, Played, ShownPolicy, shown_env
 from viewer.show import Play
@@ -62,12 +62,16 @@ class Film(Played):
     """URDF of another NAO, with meshes, to show in the panels; the physics stay the same."""
 
     def check(self) -> None:
-        if not self._shows_run:
+        if self.shown is None or not self._shows_run:
             self._play().check()
+            return
+        chapters = chapters_of(self.shown)
+        self.config(chapters[-1].weights)
+        check_movie(self._video_of(self.shown), self.seconds or _CHAPTER, len(chapters))
 
     def run(self, stop: threading.Event) -> None:
-        """Film until the end, or until ``stop``. Raises InputError if there is nothing to film, or
-        the film cannot be written."""
+        """Film until the end, or until ``stop``. Raises InputError if the film cannot be
+        written."""
         if self.shown is not None and self._shows_run:
             self._time_lapse(self.shown, stop)
         else:
@@ -87,14 +91,15 @@ class Film(Played):
             nao_urdf=self.nao_urdf,
         )
 
+    def _video_of(self, run: Path) -> Path:
+        return self.video or run / "films" / "learning.mp4"
+
     def _time_lapse(self, folder: Path, stop: threading.Event) -> None:
         chapters = chapters_of(folder)
-        video = self.video or folder / "films" / "learning.mp4"
+        video = self._video_of(folder)
         config = self.config(chapters[-1].weights)
         rate = config.play.steps_per_second
-        seconds = self.seconds or _CHAPTER
-        check_length(video, seconds, len(chapters))
-        steps = round(seconds * rate)
+        steps = round((self.seconds or _CHAPTER) * rate)
         total = len(chapters) * steps
         with (
             shown_env(config) as env,

@@ -23,12 +23,14 @@ Add = Callable[[NDArray[np.uint8]], None]
 """Adds the film's next picture, ``uint8 [height, width, 3]``; all pictures have one size."""
 
 
-def check_length(path: Path, seconds: float, chapters: int = 1) -> None:
-    """Raises InputError if ``path`` is a GIF that would become too long.
+def check_movie(path: Path, seconds: float, chapters: int = 1) -> None:
+    """Raises InputError if ``path`` ends in neither .mp4 nor .gif, cannot be written, or is a GIF
+    that would become too long.
 
     Args:
         seconds: length of each of its ``chapters``; 0 if it is unknown.
     """
+    _opener(path)
     most = _LONGEST_GIF / chapters
     if path.suffix.lower() == ".gif" and not 0 < seconds <= most:
         raise InputError(
@@ -40,11 +42,16 @@ def check_length(path: Path, seconds: float, chapters: int = 1) -> None:
 def open_movie(path: Path, rate: float) -> AbstractContextManager[Add]:
     """Opens a film with ``rate`` pictures per second; it is complete once its context is left.
     Raises InputError if ``path`` ends in neither .mp4 nor .gif, or cannot be written."""
-    kind = {".mp4": _mp4, ".gif": _gif}.get(path.suffix.lower())
-    if kind is None:
+    return _opener(path)(path, rate)
+
+
+def _opener(path: Path) -> Callable[[Path, float], AbstractContextManager[Add]]:
+    """Returns the function that opens a film at ``path``; raises InputError as `open_movie`."""
+    opener = {".mp4": _mp4, ".gif": _gif}.get(path.suffix.lower())
+    if opener is None:
         raise InputError(f"{path} is not a film's name: let it end in .mp4 or .gif.")
     check_new_file(path)
-    return kind(path, rate)
+    return opener
 
 
 @contextmanager

@@ -6,18 +6,26 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from common.atomic_file import check_new_file
 from common.errors import InputError, writing
 
 
+def check_picture(path: Path) -> None:
+    """Makes the folder of a picture that will be written. Raises InputError if it could not be
+    written."""
+    if not cv2.haveImageWriter(_as_named(path)):
+        raise InputError(f"{path} does not name a picture: choose a name that ends in .png.")
+    check_new_file(path)
+
+
 def write_picture(path: Path, picture: NDArray[np.uint8]) -> None:
-    """Writes ``picture uint8 [rows, columns, 3]``, and makes its folder if necessary. Raises
-    InputError if it cannot be written."""
-    try:
-        _, content = cv2.imencode(path.suffix or ".png", picture[:, :, ::-1])
-    except cv2.error:
-        raise InputError(
-            f"{path} does not name a picture: choose a name that ends in .png."
-        ) from None
+    """Writes ``picture uint8 [rows, columns, 3]``. Raises InputError if it cannot be written."""
+    check_picture(path)
+    _, content = cv2.imencode(_as_named(path), picture[:, :, ::-1])
     with writing(path):
-        path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(content.tobytes())
+
+
+def _as_named(path: Path) -> str:
+    """Returns the format of a picture by its name's end, PNG without one."""
+    return path.suffix or ".png"

@@ -47,12 +47,12 @@ class Record(Played):
         check_new_folder(self.output)
         if self.games and self.minutes:
             raise InputError("--games and --minutes exclude each other: omit one of them.")
+        self.clock.check(self.config(self.weights).env)
 
     def run(self, stop: threading.Event) -> None:
-        """Records the games or the minutes, or until ``stop`` is set. Raises InputError if clock,
-        weights or folder cannot be used."""
+        """Records the games or the minutes, or until ``stop`` is set. Raises InputError if weights
+        or folder cannot be used."""
         config = self.config(self.weights)
-        self.clock.check(config.env)
         policy_seed, env_seed = map(int, np.random.SeedSequence(config.seed).generate_state(2))
         policy = Policy.of_file(config, self.weights, self.epsilon, policy_seed)
         minute = 60 * config.play.steps_per_second

@@ -16,7 +16,7 @@ from common.process.extras import check_extra
 from common.process.progress import Progress
 from common.run.clock import ClockConfig
 from common.run.conditions import PlayConfig
-from viewer.movie import check_length, open_movie
+from viewer.movie import check_movie, open_movie
 from viewer.panels import Panels
 from viewer.player import File, Network, Played, ShownPolicy, shown_env
 from viewer.rerun_stream import RerunStream
@@ -55,15 +55,15 @@ class Play(Played):
         if self.viewer is not None or self.save is not None:
             check_extra("--viewer rerun or --save", "viz")
         if self.video is not None:
-            check_length(self.video, self.seconds)
+            check_movie(self.video, self.seconds)
         if self.nao_urdf is not None and self.video is None:
             raise InputError("--nao-urdf shows another NAO in a film: add --video FILE.")
+        self.clock.check(self.config(self.weights).env)
 
     def run(self, stop: threading.Event) -> None:
-        """Plays the games or the seconds, or until ``stop`` is set. Raises InputError if clock,
-        weights, film, viewer or the NAO of --nao-urdf cannot be used."""
+        """Plays the games or the seconds, or until ``stop`` is set. Raises InputError if weights,
+        viewer or the NAO of --nao-urdf cannot be used."""
         config = self.config(self.weights)
-        self.clock.check(config.env)
         policy_seed, env_seed = map(int, np.random.SeedSequence(config.seed).generate_state(2))
         policy = ShownPolicy.of_file(config, self.weights, self.epsilon, policy_seed)
         rate = config.play.steps_per_second

@@ -141,7 +141,7 @@ def test_a_title_stands_above_the_picture() -> None:
 def test_a_gif_of_a_run_is_no_longer_than_one_of_a_game(run: Path) -> None:
     gif = run / "films" / "f.GIF"
     with pytest.raises(InputError, match=r"choose --seconds up to 40, or an \.mp4"):
-        Film(shown=run, video=gif, seconds=40.1).run(threading.Event())
+        Film(shown=run, video=gif, seconds=40.1).check()
     assert not gif.exists()
     Film(shown=run, video=gif, seconds=0.07).run(threading.Event())
     assert gif.exists()
@@ -177,7 +177,7 @@ def test_without_a_network_the_published_one_of_the_environment_is_filmed(
 def test_what_cannot_be_filmed_is_told(run: Path, tmp_path: Path) -> None:
     Film(shown=run, video=Path("f.gif")).check()  # its length depends on the run
     with pytest.raises(InputError, match="is not the folder of a run"):
-        Film(shown=tmp_path).run(threading.Event())
+        Film(shown=tmp_path).check()
     with pytest.raises(InputError, match="did you mean robot_pong"):
         Film(shown=Path("robot_pnog")).check()
     (run / "epochs.csv").write_text(",".join(COLUMNS) + "\n1,train,soon\n")

@@ -112,11 +112,17 @@ def test_a_network_needs_no_flag(kind: Any, tmp_path: Path) -> None:
         (["play", "--speed", "2"], "--speed is for --no-sync"),
         (["play", "--env", "ale", "--no-sync"], "--no-sync is for a robot"),
         (["check", "--seed", "-1"], "--seed is -1"),
+        (["check", "--game", "pomg"], "did you mean pong"),
+        (["check", "-o", "p.txt"], r"p\.txt does not name a picture"),
+        (["film", "--game", "pomg"], "did you mean pong"),
+        (["film", "--video", "f.txt"], r"let it end in \.mp4 or \.gif"),
+        (["film", "policies"], "is not the folder of a run"),
     ],
 )
-def test_flags_that_cannot_be_followed(
+def test_flags_that_cannot_be_followed_are_told_before_pytorch_is_loaded(
     arguments: list[str], words: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setitem(sys.modules, "torch", None)
     with pytest.raises(InputError, match=words):
         command(monkeypatch, *arguments)
 
