@@ -14,6 +14,9 @@ from common.schedule import Every, Now
 
 PLAIN_SECONDS = 10.0
 """Seconds between plain lines of progress."""
+_BEGUN = sys.float_info.min
+"""Amount that is done at the beginning: rich measures the speed from the first amount above 0 on,
+and two games that end together would take no time."""
 _RECENT = 600.0
 """Seconds over which the speed is measured for the time left; long, because games take minutes."""
 
@@ -26,6 +29,7 @@ class Progress(AbstractContextManager["Progress"]):
     Args:
         what: what is being done, such as ``filming``.
         total: amount at which it is done; None if it is unknown.
+        note: what to show until the first update, which may take minutes.
         stream: where progress is shown, by default standard error.
     """
 
@@ -33,6 +37,7 @@ class Progress(AbstractContextManager["Progress"]):
         self,
         what: str,
         total: float | None,
+        note: str = "",
         *,
         stream: TextIO | None = None,
         now: Now = time.monotonic,
@@ -53,7 +58,7 @@ class Progress(AbstractContextManager["Progress"]):
             get_time=now,
             speed_estimate_period=_RECENT,
         )
-        self._task = self._bar.add_task(what, total=total, note="")
+        self._task = self._bar.add_task(what, total=total, note=note)
         self._schedule = Every(PLAIN_SECONDS, now)
         self._schedule.restart()
 
@@ -83,6 +88,9 @@ class Progress(AbstractContextManager["Progress"]):
 
     def __enter__(self) -> Self:
         self._bar.start()
+        self._bar.update(self._task, completed=_BEGUN)
+        if self._plain and self._bar.tasks[0].fields["note"]:
+            self._line()
         return self
 
     def __exit__(self, *_: object) -> None:

@@ -5,7 +5,6 @@ first would overcount short games, which are defeats.
 """
 
 import json
-import os
 import subprocess
 import threading
 from collections.abc import Iterator, Sequence
@@ -15,7 +14,7 @@ from typing import Any
 
 from rich.console import Console
 
-from common.atomic_file import check_new_file, write_atomically
+from common.atomic_file import write_atomically
 from common.errors import InputError
 from common.network import build_network
 from common.process.progress import Progress
@@ -52,18 +51,18 @@ def evaluate(
         The content of the JSON file; None if ``stop`` was set.
 
     Raises:
-        InputError: the network does not fit ``config``, or the file cannot be written.
+        InputError: the network does not fit ``config``.
     """
     made_by = provenance()
     console = console or Console(highlight=False)
     assert options.evaluate is not None
-    if options.json is not None:
-        check_new_file(options.json)  # before the games, not after them
     check_fit(options.evaluate, trained, config)
     load_weights_file(build_network(config, config.action_count), options.evaluate, "this game")
     measures = options.measures(config, trained)
     rows, played = [], 0
-    with Progress("evaluating", options.games * len(measures)) as progress:
+    total = options.games * len(measures)
+    begins = f"{total} games, {options.at_once} at a time; the time left follows with the first"
+    with Progress("evaluating", total, begins) as progress:
         for later, measure in zip(reversed(range(len(measures))), measures, strict=True):
             settings = replace(config, play=replace(config.play, sticky=measure.sticky))
             asked = replace(options, epsilon=measure.epsilon)
@@ -119,7 +118,7 @@ def play(
     Raises:
         InputError: a process failed.
     """
-    count = min(options.processes or len(os.sched_getaffinity(0)), options.games)
+    count = options.at_once
     arguments = {
         "--weights": options.evaluate,
         "--settings": to_json(config),

@@ -1,5 +1,6 @@
 """The options of `python -m learner --evaluate`: how many games, under how much chance."""
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -7,6 +8,7 @@ from typing import Annotated
 
 import tyro
 
+from common.atomic_file import check_new_file
 from common.checked import Count, Fraction, FromOne
 from common.errors import InputError
 from common.process.command_line import WeightsFile, check_bounds
@@ -55,16 +57,23 @@ class EvaluationOptions:
     """File for the results, as JSON."""
 
     def check(self) -> None:
-        """Refuses options that cannot be played.
+        """Refuses options that cannot be followed.
 
         Raises:
-            InputError: an option is out of bounds or has no effect; it names the flag.
+            InputError: an option is out of bounds or has no effect, or the file cannot be written.
         """
         check_bounds(self)
         if self.headline and self.evaluate is None:
             raise InputError("--headline needs --evaluate: name a network to evaluate.")
         if self.headline and self.epsilon != EvaluationOptions.epsilon:
             raise InputError("--headline has its own shares of random actions: omit --epsilon.")
+        if self.json is not None:
+            check_new_file(self.json)  # before the games, not after them
+
+    @property
+    def at_once(self) -> int:
+        """Number of games that are played at the same time."""
+        return min(self.processes or len(os.sched_getaffinity(0)), self.games)
 
     def measures(self, config: RunConfig, trained: RunConfig | None) -> Sequence[Measure]:
         """Returns the measurements to make.

@@ -23,6 +23,22 @@ def test_without_a_terminal_there_is_a_line_now_and_then(monkeypatch: pytest.Mon
     ]
 
 
+def test_what_takes_long_to_begin_is_told_and_the_time_left_after_its_first_part() -> None:
+    stream, now = io.StringIO(), Now()
+    with Progress("evaluating", 4, "4 games", stream=stream, now=now) as progress:
+        assert stream.getvalue().split(" ", 1)[1] == "evaluating: 0 %, 4 games\n"
+        for games in (1, 2):  # they end together
+            now.seconds += 60.0 if games == 1 else 0.5
+            progress.update(games, note=f"{games} of 4 games")
+        now.seconds += 30.0
+        progress.update(3, note="3 of 4 games")
+    told = [line.split(" ", 1)[1] for line in stream.getvalue().splitlines()]
+    assert told[1:] == [
+        "evaluating: 25 %, 1 of 4 games, 0:03:00 left",
+        "evaluating: 75 %, 3 of 4 games, 0:00:31 left",
+    ]
+
+
 def test_an_end_that_nobody_knows_has_no_share() -> None:
     stream, now = io.StringIO(), Now()
     with Progress("playing", None, stream=stream, now=now) as progress:

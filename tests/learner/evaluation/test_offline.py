@@ -155,7 +155,9 @@ def test_results_are_printed_and_written(
     assert told["versions"]["python"]
     assert "interquartile mean" in shown
     # Without a terminal there are lines instead of a bar.
-    assert "evaluating: 50 %, 1 of 2 games" in capsys.readouterr().err
+    first, *later = capsys.readouterr().err.splitlines()
+    assert first.endswith("2 games, 2 at a time; the time left follows with the first")
+    assert "evaluating: 50 %, 1 of 2 games" in later[0]
     assert shown.splitlines()[:2] == ["game 1: score 3", "game 2: score 3"]
 
 
