@@ -266,6 +266,15 @@ def resume_flags(arguments: Sequence[str], run: str, *, done: bool) -> list[str]
     return [*told, *more]
 
 
-def resume_command(arguments: Sequence[str], run: str, *, done: bool) -> str:
-    """Returns the command that continues a run, see `resume_flags`, by this program's name."""
-    return shlex.join([*started_by("learner").split(), *resume_flags(arguments, run, done=done)])
+def resume_command(arguments: Sequence[str], run: str, *, done: bool, force: bool = False) -> str:
+    """Returns the command that continues a run, see `resume_flags`: that of make, if make started
+    the run and would give the same flags, or else this program's name with them.
+
+    Args:
+        force: whether the command should go on whatever the health checks say.
+    """
+    flags = [*resume_flags(arguments, run, done=done), *(["--force"] if force else [])]
+    by_make = os.environ.get("ALE_ROBOT_AGAIN")
+    if by_make and {*arguments} ^ {*flags} <= {"--local", "--resume"}:
+        return by_make
+    return shlex.join([*started_by("learner").split(), *flags])

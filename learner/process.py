@@ -102,13 +102,15 @@ def train(options: LearnerOptions, again: bool) -> int:
 
 def _last_words(learner: Learner, folder: RunFolder) -> int:
     """Prints how to continue the run; returns the exit code."""
-    go_on = resume_command(sys.argv[1:], folder.name, done=learner.done)
-    if learner.failed is None:
-        say(f"Everything is in {folder.path}; go on with: {go_on}")
+    failed = learner.failed is not None
+    go_on = resume_command(sys.argv[1:], folder.name, done=learner.done, force=failed)
+    # The command has a line of its own, which a narrow terminal does not break within a word.
+    if not failed:
+        say(f"Everything is in {folder.path}; go on with:\n  {go_on}")
         return 0
     told = (
         f"stopped: {learner.failed}. Everything is in {folder.path}; fix what is wrong, or "
-        f"train on regardless with: {go_on} --force"
+        f"train on regardless with:\n  {go_on}"
     )
     say_aside(told, "error")
     return RED

@@ -1,6 +1,8 @@
-"""`make setup`: which build of PyTorch it asks for, and that pip takes it."""
+"""`make setup`: which build of PyTorch it asks for, and that pip takes it. `make train`: by which
+command the run goes on."""
 
 import os
+import shlex
 import shutil
 import subprocess
 import sys
@@ -21,6 +23,8 @@ case "$*" in
 esac
 """
 TOOLS = ("cp", "grep", "mkdir", "touch")
+VARIABLES = ("NAME", "ACTORS", "ARGS", "MAKEFLAGS", "MAKELEVEL")
+"""Variables of an environment that would be given to make."""
 
 
 def make_setup(folder: Path, environment: dict[str, str], *, gpu: bool = False) -> tuple[str, str]:
@@ -128,3 +132,29 @@ def test_pip_takes_the_build_for_cpu_where_pypi_has_the_same_version(tmp_path: P
     assert [file.name for file in (tmp_path / "got").iterdir()] == [
         "torch-2.13.0+cpu-py3-none-any.whl"
     ]
+
+
+@pytest.mark.parametrize(
+    "given",
+    [[], ["NAME=other"], ["ACTORS=2", """ARGS=--seed 2 --play.env-settings 'lamps=4 "a"'"""]],
+    ids=len,
+)
+def test_a_run_is_told_the_command_that_starts_it_again(tmp_path: Path, given: list[str]) -> None:
+    program = tmp_path / ".venv" / "bin" / "ale-robot"
+    program.parent.mkdir(parents=True)
+    program.write_text('#!/bin/sh\necho "$ALE_ROBOT_AGAIN"\n')
+    program.chmod(0o755)
+    for name in ("requirements.lock", "requirements-torch.lock", "pyproject.toml"):
+        (tmp_path / name).touch()
+    (tmp_path / ".venv" / ".installed").touch()
+    environment = {each: os.environ[each] for each in os.environ if each not in VARIABLES}
+
+    def make(words: list[str]) -> str:
+        command = [*words[:1], "--silent", "-f", str(ROOT / "Makefile"), *words[1:]]
+        return subprocess.run(
+            command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=True
+        ).stdout.strip()
+
+    told = make(["make", "train", *given])
+    assert shlex.split(told) == ["make", "train", *given]
+    assert make(shlex.split(told)) == told

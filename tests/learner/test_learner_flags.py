@@ -252,6 +252,25 @@ def test_the_command_that_goes_on_is_told(arguments: str, done: bool, again: str
     assert told == f"python -m learner {again}"
 
 
+@pytest.mark.parametrize(
+    ("arguments", "done", "force", "told"),
+    [
+        ("--local --run r --actors 1", False, False, "make train NAME='r'"),
+        ("--local --run r --resume --force", False, True, "make train NAME='r'"),
+        # It would give flags that do not continue the run.
+        ("--local --run r --steps 9", True, False, "ale-robot train --run r --resume"),
+        ("--local --run r --initial a", False, False, "ale-robot train --run r --resume"),
+        ("--local --run r", False, True, "ale-robot train --run r --resume --force"),
+    ],
+)
+def test_a_run_that_make_started_goes_on_by_make(
+    arguments: str, done: bool, force: bool, told: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("ALE_ROBOT_AGAIN", "make train NAME='r'")
+    monkeypatch.setattr(sys, "argv", ["ale-robot train"])
+    assert resume_command(arguments.split(), "r", done=done, force=force) == told
+
+
 def test_a_run_that_ended_before_its_first_checkpoint_has_the_network_it_was_given(
     tmp_path: Path,
 ) -> None:

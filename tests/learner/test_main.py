@@ -35,4 +35,4 @@ def test_a_run_that_was_asked_to_end_has_exit_code_0(
     assert _last_words(ended(None), RunFolder(tmp_path, "small")) == 0
     told = capsys.readouterr()
     assert told.err == ""
-    assert told.out.endswith("go on with: python -m learner --local --run small --resume\n")
+    assert told.out.endswith("go on with:\n  python -m learner --local --run small --resume\n")
