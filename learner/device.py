@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Literal
 
 from common.errors import InputError
 from common.metrics import Value
+from common.process.log_lines import say_aside
 
 if TYPE_CHECKING:  # a command line is parsed without PyTorch
     import torch
@@ -56,7 +57,8 @@ def choose_device(
     """Returns the requested device; 'auto' takes CUDA if it is available.
 
     Precision 'auto' takes bfloat16 if the processor multiplies it natively: an update then takes
-    half the time. Without CUDA, ``graphs`` has no effect.
+    half the time. A warning tells of bfloat16 that is not native. Without CUDA, ``graphs`` has no
+    effect.
 
     Raises:
         InputError: CUDA was requested but is not available.
@@ -66,13 +68,17 @@ def choose_device(
     if device == "cuda" and not torch.cuda.is_available():
         raise InputError("there is no CUDA device here: use --device auto or cpu.")
     kind = "cuda" if device != "cpu" and torch.cuda.is_available() else "cpu"
-    if precision == "auto":
-        cpu = torch.cpu.get_capabilities()
-        native = (
-            torch.cuda.is_bf16_supported(including_emulation=False)
-            if kind == "cuda"
-            else bool(cpu.get("avx512_bf16") or cpu.get("amx_bf16"))
+    cpu = torch.cpu.get_capabilities()
+    native = (
+        torch.cuda.is_bf16_supported(including_emulation=False)
+        if kind == "cuda"
+        else bool(cpu.get("avx512_bf16") or cpu.get("amx_bf16"))
+    )
+    if precision == "bfloat16" and not native:
+        say_aside(
+            f"warning: this {kind.upper()} only emulates bfloat16, slower than float32: omit "
+            "--precision bfloat16.",
+            "warning",
         )
-    else:
-        native = precision == "bfloat16"
-    return Device(torch.device(kind), native, graphs and kind == "cuda")
+    bfloat16 = native if precision == "auto" else precision == "bfloat16"
+    return Device(torch.device(kind), bfloat16, graphs and kind == "cuda")

@@ -34,6 +34,32 @@ def test_bfloat16_is_chosen_by_itself_where_a_gpu_has_it(
     assert choose_device("auto", precision).torch == torch.device("cuda")
 
 
+@pytest.mark.parametrize(
+    ("has", "precision", "told"),
+    [
+        ("avx512_bf16", "bfloat16", ""),
+        ("amx_bf16", "bfloat16", ""),
+        (
+            "avx2",
+            "bfloat16",
+            "warning: this CPU only emulates bfloat16, slower than float32: omit --precision",
+        ),
+        ("avx2", "auto", ""),
+        ("avx2", "float32", ""),
+    ],
+)
+def test_bfloat16_that_a_processor_only_emulates_is_warned_of(
+    has: str,
+    precision: PrecisionChoice,
+    told: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setattr(torch.cpu, "get_capabilities", lambda: {has: True})
+    assert choose_device("cpu", precision).bfloat16 is (precision == "bfloat16")
+    assert capsys.readouterr().err[: len(told) or None] == told
+
+
 @pytest.fixture
 def gpu(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
     """A GPU of which 3 of 16 GB are in use."""
