@@ -4,3 +4,8 @@
 def minus_signed(number: str) -> str:
     """Returns a number's text with its hyphen replaced by a minus sign, as wide as a digit."""
     return f"−{number[1:]}" if number.startswith("-") else number
+
+
+def points(score: float) -> str:
+    """Returns the score of a game as text."""
+    return minus_signed(f"{score:.10g}")

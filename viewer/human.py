@@ -26,7 +26,7 @@ from actors.vision.layout import ASPECT, UNIT_SQUARE
 from common.actions import KEYS_OF_ACTION, Keys, action_of_keys
 from common.errors import InputError
 from common.games import MINIMAL_ACTIONS
-from common.minus import minus_signed
+from common.minus import points
 from common.press_latency import COUNTS, KeyLatency
 from common.process.extras import check_extra
 from common.registry import ENVIRONMENTS
@@ -101,7 +101,7 @@ class Human(Played):
                     break
                 seat.show(step)
         for number, score in enumerate(scores, 1):
-            print(f"game {number}: score {score:g}")
+            print(f"game {number}: score {points(score)}")
         if recorder is not None:
             print(recorder.summary)
 
@@ -151,7 +151,7 @@ class _Seat:
         text = self._blocks.draw(both, columns, max(rows - 2, 1), aspect=ASPECT * 1.5)
         lines = (
             f"you {keys_text(env.wanted)}  keys {keys_text(env.pressed)}  "
-            f"{self._latency()}  score {minus_signed(f'{step.info.game_score:g}')}",
+            f"{self._latency()}  score {points(step.info.game_score)}",
             f"keys of {env.emulator.game}: {used_keys(env.emulator.game)}; q leaves"
             f"{'' if detection.valid else '  SCREEN NOT SEEN'}"
             f"{f'  {self._late} frames late' if self._late else ''}",

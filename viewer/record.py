@@ -14,6 +14,7 @@ from actors.loop import play
 from actors.policy import Policy
 from common.checked import Amount, Count, Fraction
 from common.errors import InputError
+from common.minus import points
 from common.process.command_line import WeightsFile
 from common.process.extras import check_extra
 from common.process.progress import Progress
@@ -73,7 +74,7 @@ class Record(Played):
                 progress.update(done, note=f"{recorder.steps:,} steps")
                 if step.info.game_over:
                     score, games = step.info.game_score, recorder.dataset.episodes
-                    print(f"game {games}: score {score:g}", flush=True)
+                    print(f"game {games}: score {points(score)}", flush=True)
                 if done >= total or stop.is_set():
                     break
         print(recorder.summary)

@@ -12,6 +12,7 @@ from actors.envs.game_env import GameEnv
 from actors.loop import play
 from common.checked import Amount, Fraction, FromOne
 from common.errors import InputError
+from common.minus import minus_signed, points
 from common.process.extras import check_extra
 from common.process.progress import Progress
 from common.run.clock import ClockConfig
@@ -91,7 +92,7 @@ class Play(Played):
                     # In real time the world does not wait while pictures are taken.
                     late = "" if self.clock.sync else f", {missed} deadlines missed"
                     print(
-                        f"game {len(scores)}: score {scores[-1]:g} "
+                        f"game {len(scores)}: score {points(scores[-1])} "
                         f"in {step.info.game_steps} steps{late}",
                         flush=True,
                     )
@@ -102,12 +103,13 @@ class Play(Played):
                 if len(scores) == self.games or ended or stop.is_set():
                     if not scores:
                         print(
-                            f"no game ended: score {step.info.game_score:g} "
+                            f"no game ended: score {points(step.info.game_score)} "
                             f"after {step.info.game_steps} steps"
                         )
                     break
             if len(scores) > 1:
-                print(f"mean score of {len(scores)} games: {np.mean(scores):.2f}")
+                mean = minus_signed(f"{np.mean(scores):.2f}")
+                print(f"mean score of {len(scores)} games: {mean}")
             if stream is not None:
                 stream.linger(stop)
         for file in (self.video, self.save):

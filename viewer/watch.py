@@ -21,7 +21,7 @@ from actors.loop import Step, play
 from actors.vision.layout import ASPECT, border_of
 from common.actions import KEYS_OF_ACTION
 from common.checked import Count, Fraction
-from common.minus import minus_signed
+from common.minus import points
 from common.q_bars import q_bars
 from common.run.config import RunConfig
 from common.run.origin import name_of, shown_weights
@@ -104,7 +104,7 @@ class Watch(Played):
                 if stop.is_set() or keys.wants_out or 0 < self.games <= len(scores):
                     break
         for number, score in enumerate(scores, 1):
-            print(f"game {number}: score {score:g}")
+            print(f"game {number}: score {points(score)}")
 
 
 class WatchScreen:
@@ -199,7 +199,7 @@ class WatchScreen:
     ) -> list[str]:
         """Returns the texts beside the picture, in at most ``width`` columns each."""
         env = self._env
-        score = f"score {minus_signed(f'{step.info.game_score:g}')}"
+        score = f"score {points(step.info.game_score)}"
         lines = [f"{_BOLD}{score}{_PLAIN}{_beside_score(step, scores, width - len(score))}"]
         if isinstance(env, RobotEnv):
             seen = (_GOOD, "screen found") if env.detection.valid else (_BAD, "screen NOT found")
@@ -219,7 +219,7 @@ class WatchScreen:
 
 def _beside_score(step: Step, scores: Sequence[float], width: int) -> str:
     """Returns the game's step and the scores of the latest games, as far as there is room."""
-    latest, told = [minus_signed(f"{score:g}") for score in scores[-_MOST_BEFORE:]], ""
+    latest, told = [points(score) for score in scores[-_MOST_BEFORE:]], ""
     before = [f"   games before {' '.join(latest[at:])}" for at in range(len(latest))]
     for choices in ([f"   step {step.info.game_steps}"], before):
         told += next((each for each in choices if len(told + each) <= width), "")

@@ -16,6 +16,7 @@ from rich.console import Console
 
 from common.atomic_file import write_atomically
 from common.errors import InputError
+from common.minus import points
 from common.network import build_network
 from common.process.progress import Progress
 from common.process.supervisor import Child
@@ -71,7 +72,7 @@ def evaluate(
                 found.append(game)
                 played += 1
                 if not console.is_terminal:  # a log lists the games one by one
-                    console.print(f"game {played}: score {game['score']:g}")
+                    console.print(f"game {played}: score {points(game['score'])}")
                 total = played + max(options.games - len(found), 0) + options.games * later
                 progress.update(played, total=total, note=f"{played} of {total} games")
             if stop.is_set():

@@ -9,10 +9,11 @@ from typing import Any
 from rich.markup import escape
 from rich.table import Table
 
+from common.minus import points
 from common.press_latency import KeyLatency
 from common.run.clock import ClockConfig
 from learner.evaluation.scores import Scores
-from learner.telemetry.sinks.formats import written
+from learner.telemetry.sinks.formats import decimal, written
 
 ENDING = 800
 """Agent steps at the end of a game, 53 s of play: games are compared by them, and as a whole."""
@@ -76,7 +77,7 @@ def table(content: Mapping[str, Any]) -> Table:
         if any(cells):
             shown.add_row(name, *cells)
     if len(rows) == 1:
-        shown.add_row("every game", " ".join(f"{score:g}" for score in rows[0]["scores"]))
+        shown.add_row("every game", " ".join(map(points, rows[0]["scores"])))
     return shown
 
 
@@ -93,7 +94,7 @@ def _hands(row: Mapping[str, Any]) -> str:
 def _mean(row: Mapping[str, Any]) -> str:
     """Returns the mean score, with its deviation if there are several games."""
     spread = f" ± {row['deviation']:.2f}" if row["games"] > 1 else ""
-    return f"{row['mean']:.2f}{spread}"
+    return f"{decimal(row['mean'], 2)}{spread}"
 
 
 def _pace(row: Mapping[str, Any]) -> str:
@@ -112,13 +113,17 @@ _LINES: tuple[tuple[str, Callable[[Mapping[str, Any]], str]], ...] = (
         lambda row: "none" if row["same_ending"] == 1 else f"{row['same_ending']}",
     ),
     ("mean ± deviation", _mean),
-    ("interquartile mean", lambda row: f"{row['iqm']:.2f}"),
+    ("interquartile mean", lambda row: decimal(row["iqm"], 2)),
     (
         "its 95 % interval",
-        lambda row: f"{row['iqm_low']:.2f} to {row['iqm_high']:.2f}" if row["games"] > 1 else "",
+        lambda row: (
+            f"{decimal(row['iqm_low'], 2)} to {decimal(row['iqm_high'], 2)}"
+            if row["games"] > 1
+            else ""
+        ),
     ),
-    ("median", lambda row: f"{row['median']:g}"),
-    ("least, most", lambda row: f"{row['least']:g}, {row['most']:g}"),
+    ("median", lambda row: points(row["median"])),
+    ("least, most", lambda row: f"{points(row['least'])}, {points(row['most'])}"),
     ("agent steps", lambda row: f"{row['steps']:,}"),
     ("keys as commanded", lambda row: f"{row['press_match_share']:.1%}"),
     ("command to keys, p50/p99 ms", _hands),

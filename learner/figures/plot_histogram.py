@@ -12,7 +12,7 @@ from matplotlib.pyplot import subplots
 from numpy.typing import NDArray
 
 from common.errors import InputError
-from common.minus import minus_signed
+from common.minus import points
 from learner.figures.plot_style import INK, dress, label
 
 _MOST_SINGLE = 60
@@ -115,5 +115,5 @@ def _mark(axes: Axes, scores: NDArray[np.float64], places: NDArray[np.float64]) 
     """Labels the axis with the scores, and with … where a gap is shortened."""
     shortened = np.flatnonzero(np.diff(scores) > _GAP)
     gaps = (places[shortened] + places[shortened + 1]) / 2
-    names = [minus_signed(f"{score:g}") for score in scores]
+    names = list(map(points, scores))
     axes.set_xticks([*places, *gaps], [*names, *("…" for _ in gaps)])

@@ -2,7 +2,7 @@
 
 import pytest
 
-from common.minus import minus_signed
+from common.minus import minus_signed, points
 
 
 @pytest.mark.parametrize(
@@ -10,3 +10,10 @@ from common.minus import minus_signed
 )
 def test_only_the_sign_is_another(number: str, told: str) -> None:
     assert minus_signed(number) == told
+
+
+@pytest.mark.parametrize(
+    ("score", "told"), [(-21.0, "−21"), (0.0, "0"), (1_234_567.0, "1234567"), (-20.5, "−20.5")]
+)
+def test_a_score_is_written_whole(score: float, told: str) -> None:
+    assert points(score) == told

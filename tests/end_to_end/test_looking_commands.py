@@ -23,7 +23,7 @@ def test_what_a_run_learned_is_played_and_filmed_with_its_settings(stage: Stage)
     snapshot = load_file(stage.run / "snapshots" / "best.safetensors")
     # Pong's own actions, instead of 18.
     assert snapshot["actions.weight"].shape[0] == 6
-    steps = [int(found) for found in re.findall(r"game \d: score -?\d+ in (\d+) steps", output)]
+    steps = [int(found) for found in re.findall(r"game \d: score −?\d+ in (\d+) steps", output)]
     # 240 frames are 60 agent steps, random starts included.
     assert steps == [60, 60]
     video = cv2.VideoCapture(str(film))

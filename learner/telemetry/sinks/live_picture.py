@@ -13,6 +13,7 @@ from rich.segment import Segment
 from rich.style import Style
 
 from common.actions import KEYS_OF_ACTION, Keys
+from common.minus import points
 from common.protocol.actor_stats import ActorStats
 from common.protocol.live_view import LiveView
 from common.q_bars import q_bars
@@ -53,7 +54,7 @@ class LivePicture:
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         view, dim = self._view, Style(dim=True)
         stats, width = self._stats, options.max_width
-        title = f"{stats.name}: score {view.score:g}, step {view.steps:,}"
+        title = f"{stats.name}: score {points(view.score)}, step {view.steps:,}"
         yield Segment(formats.one_line(title)[:width], Style(bold=True))
         yield Segment.line()
         pixels = _pixels(view, width, 2 * (self.height(width) - 3))

@@ -89,7 +89,7 @@ def test_corners_that_are_no_screen_are_drawn_too(x: float) -> None:
 
 def test_it_tells_score_keys_and_what_the_actor_takes() -> None:
     text = "\n".join(drawn(VIEW))
-    assert "a: score -3, step 70" in text
+    assert "a: score −3, step 70" in text
     assert "commanded fire, pressed up+down" in text
     assert "98 % CPU, 300 MB on host-7" in text
     assert "the screen is not found" in "\n".join(drawn(replace(VIEW, found=False)))
