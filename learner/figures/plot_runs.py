@@ -14,6 +14,7 @@ from matplotlib.ticker import MaxNLocator
 
 from common.errors import InputError
 from common.run.epochs import EpochRow, EpochTable
+from common.run.folder import RunFolder
 from learner.figures.plot_style import (
     Points,
     Series,
@@ -92,13 +93,26 @@ def _read(path: Path, phase: Phase) -> Run:
     rows = EpochTable(table).rows()
     if not any(row.phase != "random" for row in rows):
         raise InputError(
-            f"{table} has no complete epoch yet: let the run go on, and see its curves meanwhile "
-            "with TensorBoard or on the page of --web."
+            f"{table} has no complete epoch yet{_how_far(path)}: let the run go on, and see its "
+            "curves meanwhile with TensorBoard or on the page of --web."
         )
     name = path.resolve().name if path.is_dir() else path.stem
     tested = any(row.phase == "test" for row in rows)
     settings = _settings(path) if path.is_dir() else None
     return Run(name, rows, settings, phase if tested else "train")
+
+
+def _how_far(path: Path) -> str:
+    """Returns how far the run in the folder ``path`` is on its way to the end of its first epoch;
+    nothing if that is unknown, as for a CSV file alone."""
+    run = RunFolder.at(path)
+    if run is None or (config := run.stored_config()) is None:
+        return ""
+    steps = (_json(run.summary) or {}).get("agent_steps")
+    if not isinstance(steps, int):
+        return ""
+    whole = config.replay.learning_starts + config.protocol.epoch_steps
+    return f" ({steps:,} of {whole:,} steps)"
 
 
 def _settings(folder: Path) -> str | None:

@@ -22,7 +22,9 @@ from benchmarks.lab import actuation_latency as late_keys
 from common.errors import InputError
 from common.run.epochs import EpochTable
 from common.run.presets import PRESETS
+from common.run.stored_config import to_json
 from learner.figures.plot import Options
+from learner.figures.plot_runs import read_groups
 from learner.figures.plot_style import RANDOM, mean_line
 from tests.epoch_rows import epoch_row
 from tests.paths import ROOT
@@ -433,3 +435,13 @@ def test_files_of_another_kind_are_refused(tmp_path: Path) -> None:
     ):
         with pytest.raises(InputError, match=words):
             draw(Options((path,), figure=figure))
+
+
+def test_before_the_first_epoch_it_is_told_how_far_the_run_is(tmp_path: Path) -> None:
+    EpochTable(tmp_path / "epochs.csv").append(ROW)
+    (tmp_path / "config.json").write_text(to_json(PRESETS["robot"]))
+    with pytest.raises(InputError, match="no complete epoch yet: let the run go on"):
+        read_groups([tmp_path])
+    (tmp_path / "summary.json").write_text('{"agent_steps": 12345}')
+    with pytest.raises(InputError, match=r"no complete epoch yet \(12,345 of 60,000 steps\): let"):
+        read_groups([tmp_path])
