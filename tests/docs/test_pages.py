@@ -10,7 +10,7 @@ from typing import get_args
 
 import pytest
 
-from common.metrics import Values
+from common.metrics import METRICS, Values
 from common.run.config import RunConfig
 from common.run.epochs import EpochPhase, EpochRow
 from docs import metrics, settings
@@ -168,3 +168,9 @@ def test_the_page_of_figures_has_each_column_of_the_epochs() -> None:
     columns = metrics.page().partition("## Columns of epochs.csv")[2]
     told = re.findall(r"^\| `(\w+)` \| .+ \|$", columns, re.M)
     assert told == [field.name for field in dataclasses.fields(EpochRow)]
+
+
+def test_each_word_behind_the_number_of_actors_is_explained_where_the_screen_is() -> None:
+    words = {metric.trouble for metric in METRICS.values() if metric.trouble}
+    page = (ROOT / "docs" / "start.md").read_text(encoding="utf-8")
+    assert words == {word for word in words if f"*{word}*" in page}
