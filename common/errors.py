@@ -36,7 +36,8 @@ class Unreachable(InputError):
 def cannot_write(path: Path, error: OSError) -> InputError:
     """Returns the error that says that ``path`` cannot be written."""
     code = NO_ROOM if error.errno in NO_ROOM_ERRORS else BAD_INPUT
-    return InputError(f"{path} cannot be written: {error.strerror}.", code)
+    told = f"{path} cannot be written ({error.strerror}): name another place, or mend this one."
+    return InputError(told, code)
 
 
 def choice(given: str, known: Sequence[str], otherwise: str | None = None) -> str:

@@ -55,8 +55,8 @@ def back_up(options: BackupOptions) -> Path:
         raise InputError(f"{options.output} is inside of the run: name a folder outside.")
     with writing(target.path):
         target.path.parent.mkdir(parents=True, exist_ok=True)
-    # Only its owner can read this folder: a run on Slurm has its keys in it.
-    unfinished = Path(tempfile.mkdtemp(prefix=f"{target.name}.", dir=target.path.parent))
+        # Only its owner can read this folder: a run on Slurm has its keys in it.
+        unfinished = Path(tempfile.mkdtemp(prefix=f"{target.name}.", dir=target.path.parent))
     try:
         _copy(source, unfinished)
         os.sync()

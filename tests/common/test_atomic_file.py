@@ -138,7 +138,7 @@ def test_a_file_that_cannot_be_written_is_refused_before_it_is_needed(tmp_path: 
     with pytest.raises(InputError, match="is a folder"):
         check_new_file(tmp_path)
     (tmp_path / "file").touch()
-    with pytest.raises(InputError, match=r"new\.json cannot be written: Not a directory\.$"):
+    with pytest.raises(InputError, match=r"new\.json cannot be written \(Not a directory\): name"):
         check_new_file(tmp_path / "file" / "none" / "new.json")
 
 
@@ -175,7 +175,9 @@ def test_a_folder_that_may_not_be_written_to_is_refused(
         raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
 
     monkeypatch.setattr("tempfile.TemporaryFile", refuse)
-    with pytest.raises(InputError, match=r"new\.json cannot be written: Permission denied\.$"):
+    with pytest.raises(
+        InputError, match=r"new\.json cannot be written \(Permission denied\): name"
+    ):
         check_new_file(tmp_path / "new.json")
 
 

@@ -1,6 +1,8 @@
 """A run is copied as a power failure would leave it."""
 
+import errno
 import os
+import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -92,6 +94,17 @@ def test_the_copy_is_for_its_owner_alone(run: RunFolder, tmp_path: Path) -> None
     copy = back_up(BackupOptions(run.path, tmp_path / "copy"))
     assert (copy / "certificates" / "ca-key.pem").stat().st_mode & 0o777 == 0o600
     assert copy.stat().st_mode & 0o777 == 0o700
+
+
+def test_a_place_where_nothing_can_be_made_is_refused(
+    run: RunFolder, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuses(**_: Any) -> str:
+        raise OSError(errno.EROFS, os.strerror(errno.EROFS))
+
+    monkeypatch.setattr(tempfile, "mkdtemp", refuses)
+    with pytest.raises(InputError, match=r"copy cannot be written \(Read-only.*: name another"):
+        back_up(BackupOptions(run.path, tmp_path / "copy"))
 
 
 def test_a_replay_on_another_disk_is_copied(run: RunFolder, tmp_path: Path) -> None:

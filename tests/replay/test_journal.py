@@ -110,7 +110,7 @@ def test_a_rewrite_that_finds_no_space_leaves_the_journal_as_it_was(
         patch.setattr("common.atomic_file.os.fsync", full)
         with pytest.raises(OSError, match="No space"):
             journal.rewrite([{"n": 1}])
-        with pytest.raises(InputError, match="cannot be written: No space"):
+        with pytest.raises(InputError, match=r"cannot be written \(No space"):
             Journal(tmp_path / "other.jsonl", [])
     journal.append({"n": 2})
     assert read_journal(path) == [{"n": 0}, {"n": 1}, {"n": 2}]

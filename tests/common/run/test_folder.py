@@ -253,7 +253,7 @@ def test_no_link_in_place_of_a_lock_is_followed(tmp_path: Path) -> None:
     elsewhere.write_text("precious")
     (tmp_path / "r").mkdir()
     (tmp_path / "r" / ".learner.lock").symlink_to(elsewhere)
-    with pytest.raises(InputError, match="cannot be written: Too many levels of symbolic links"):
+    with pytest.raises(InputError, match=r"cannot be written \(Too many levels of symbolic links"):
         claim(tmp_path)
     assert elsewhere.read_text() == "precious"
 
