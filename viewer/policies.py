@@ -23,6 +23,10 @@ vector: commands, keys and joints, beside the frames of camera or emulator
 Watch one: ale-robot watch NAME"""
 
 
+_WIDTH = 80
+"""Columns that the table needs."""
+
+
 @dataclass(frozen=True)
 class Policies:
     """List the policies that are shipped with the program, and their scores."""
@@ -54,7 +58,8 @@ class Policies:
                 *(scores[name].get(chance, "") for chance in chances),
             )
         console = Console(highlight=False)
-        console.print(table)
+        # In a narrower terminal lines go on below: no figure is cut.
+        Console(highlight=False, width=max(console.width, _WIDTH)).print(table)
         console.print(_LEGEND, markup=False)
 
 

@@ -174,7 +174,7 @@ def test_the_shipped_policies_are_listed(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("COLUMNS", "80")
+    monkeypatch.setenv("COLUMNS", "60")
     assert not run(monkeypatch, "policies")
     said = capsys.readouterr().out
     scores = r"20\.70 +15\.23 +8\.50"
