@@ -29,7 +29,7 @@ class Progress(AbstractContextManager["Progress"]):
     Args:
         what: what is being done, such as ``filming``.
         total: amount at which it is done; None if it is unknown.
-        note: what to show until the first update, which may take minutes.
+        note: first line of a log, if the first update may take minutes.
         stream: where progress is shown, by default standard error.
     """
 
@@ -58,7 +58,7 @@ class Progress(AbstractContextManager["Progress"]):
             get_time=now,
             speed_estimate_period=_RECENT,
         )
-        self._task = self._bar.add_task(what, total=total, note=note)
+        self._task = self._bar.add_task(what, total=total, note=note if self._plain else "")
         self._schedule = Every(PLAIN_SECONDS, now)
         self._schedule.restart()
 

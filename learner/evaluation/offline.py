@@ -76,12 +76,14 @@ def evaluate(
                 total = played + max(options.games - len(found), 0) + options.games * later
                 progress.update(played, total=total, note=f"{played} of {total} games")
             if stop.is_set():
-                console.print(f"stopped after {played} games")
-                return None
+                break
             known = trained and replace(trained, seed=config.seed)
             changed = differences(known, settings) if known else []
             told = {"changed": changed, "conditions": _unusual(settings)}
             rows.append({**asdict(measure), **told, **summarise(found, clock)})
+    if len(rows) < len(measures):  # told once the bar has gone: the console would write behind it
+        console.print(f"stopped after {played} games")
+        return None
     content: dict[str, Any] = {
         "weights": name_of(options.evaluate),
         "seed": config.seed,

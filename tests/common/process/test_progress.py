@@ -65,7 +65,7 @@ def test_in_a_terminal_there_is_a_bar_and_standard_output_stays_what_it_is(
 ) -> None:
     monkeypatch.setenv("TERM", "xterm")
     stream, now = Terminal(), Now()
-    with Progress("filming", 600.0, stream=stream, now=now) as progress:
+    with Progress("filming", 600.0, "a long film", stream=stream, now=now) as progress:
         now.seconds += 10.0
         progress.update(300.0, note="halfway")
         print("game 1: score 3")
@@ -73,6 +73,7 @@ def test_in_a_terminal_there_is_a_bar_and_standard_output_stays_what_it_is(
     assert "halfway" in stream.getvalue()
     assert "━" in stream.getvalue()
     assert "50 %" not in stream.getvalue()
+    assert "a long film" not in stream.getvalue()  # a bar that fills the line wraps at ^C
 
 
 class Broken(io.StringIO):
