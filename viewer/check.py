@@ -81,7 +81,7 @@ class Check(Played):
             console.print(_checks_table(judged, title))
             if isinstance(env, RobotEnv) and (found := _changes(env, config.seed, stop)):
                 console.print(_latency_table(found))
-            console.print(f"wrote {self.output}", soft_wrap=True)
+            console.print(f"wrote {self.output}", markup=False, soft_wrap=True)
         return 0 if all(bound.admits(found) for bound, found in judged) else 1
 
 

@@ -95,7 +95,7 @@ def evaluate(
     content = strict(content)
     if options.json is not None:
         write_atomically(options.json, (json.dumps(content, indent=2) + "\n").encode())
-        console.print(f"wrote {options.json}")
+        console.print(f"wrote {options.json}", markup=False, soft_wrap=True)
     return content
 
 

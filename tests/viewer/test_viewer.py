@@ -260,7 +260,7 @@ def short(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_check_is_green_and_writes_four_panels(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    path = tmp_path / "new" / "check.png"
+    path = tmp_path / "new" / "check[seed].png"
     urdf = write_nao(tmp_path)
     assert command(monkeypatch, "check", "-o", str(path), "--nao-urdf", str(urdf)) == 0
     said = capsys.readouterr().out
@@ -273,6 +273,7 @@ def test_check_is_green_and_writes_four_panels(
     assert re.search(r"p99 +│ +83\.3 ms │ 66\.7 ms │ +≤ 133\.3 ms", said)
     assert re.search(r"not reached +│ +0 │ +1 │", said)
     assert re.search(r"stray key +│ +50\.0% │ +0\.0% │", said)
+    assert said.endswith(f"\nwrote {path}\n")
     assert size_of(path) == (768, 1024, 3)
 
 

@@ -146,7 +146,7 @@ def test_results_are_printed_and_written(
 ) -> None:
     monkeypatch.setattr("common.process.progress.PLAIN_SECONDS", 0.0)
     write(program, f"print({json.dumps(GAME)!r}, flush=True)")
-    file = tmp_path / "results.json"
+    file = tmp_path / f"{'results' * 20}[seed=1].json"
     options = EvaluationOptions(program, games=2, processes=2, json=file)
     found, shown = evaluated(options, CONFIG, None)
     told = json.loads(file.read_text())
@@ -157,6 +157,7 @@ def test_results_are_printed_and_written(
     assert (told["epsilon"], told["sticky"], told["changed"]) == (0.001, 0.0, [])
     assert told["versions"]["python"]
     assert "interquartile mean" in shown
+    assert shown.endswith(f"\nwrote {file}\n")
     # Without a terminal there are lines instead of a bar.
     first, *later = capsys.readouterr().err.splitlines()
     assert first.endswith("2 games, 2 at a time; the time left follows with the first")
