@@ -41,9 +41,11 @@ COMMANDS: dict[str, Any] = {kind.__name__.lower(): kind for kind in get_args(EVE
 
 def main() -> int:
     name, *arguments = sys.argv[1:] or ["--help"]
-    if any(argument.partition("=")[0] == "--weights" for argument in arguments):
+    kind = COMMANDS.get(name)
+    had_weights = kind not in (Human, Check)  # where no network was ever named
+    if had_weights and any(argument.partition("=")[0] == "--weights" for argument in arguments):
         raise InputError("--weights is gone: name the network alone, as in `watch robot_pong`.")
-    if (kind := COMMANDS.get(name)) is None:
+    if kind is None:
         command = parse(EVERY, "viewer", [name, *arguments])
     else:
         command = parse(kind, f"viewer {name}", arguments, own_help(arguments))

@@ -6,7 +6,7 @@ from contextlib import closing
 from dataclasses import dataclass, fields
 from itertools import islice
 from pathlib import Path
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 import tyro
@@ -48,7 +48,7 @@ class Film(Played):
     epoch's network for a few seconds. The run must keep its snapshots (--keep-snapshots).
     """
 
-    shown: tyro.conf.Positional[File] = None
+    shown: Annotated[Path | None, tyro.conf.Positional, tyro.conf.arg(metavar="[FILE]")] = None
     """Folder of a run that is filmed epoch by epoch, such as runs/NAME; or a network, such as
     robot_pong or runs/NAME/snapshots/best.safetensors; by default the published one of --env."""
     epsilon: Fraction = 0.001

@@ -100,6 +100,8 @@ def test_a_network_needs_no_flag(kind: Any, tmp_path: Path) -> None:
     [
         (["record", "--weights", "w", "-o", "r"], "^--weights is gone: name the network alone"),
         (["watch", "--weights=robot_pong"], "^--weights is gone: name the network alone"),
+        (["human", "--weights", "w"], "^there is no flag --weights"),
+        (["check", "--weights", "w"], "^there is no flag --weights"),
         (["play", "ale_pong", "robot_pong"], "^robot_pong .* is one too many"),
         (["play", "--epsilon", "1.5"], "--epsilon is 1.5"),
         (["play", "--video", "v.gif"], "--seconds up to 120, or an .mp4"),
