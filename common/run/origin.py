@@ -27,15 +27,18 @@ actions."""
 def find_weights(name: str | Path) -> Path:
     """Returns the file that ``name`` stands for.
 
-    It may be a file; the folder of a run, for its newest network; or the name of a published
-    policy, as robot_pong or policies/robot_pong.safetensors. Raises InputError if there is none.
+    It may be a file, with or without ``.safetensors``, which `learner.publish` adds; the folder of
+    a run, for its newest network; or the name of a published policy, as robot_pong or
+    policies/robot_pong.safetensors. Raises InputError if there is none.
     """
     path = Path(name)
-    shipped = SHIPPED / f"{path.stem}.safetensors"
+    shipped, in_full = SHIPPED / f"{path.stem}.safetensors", Path(f"{name}.safetensors")
     if (run := RunFolder.at(path)) is not None:
         path = run.checkpoint
     elif not path.exists() and path.parent in (Path(), Path("policies")) and shipped.is_file():
         path = shipped
+    elif not path.exists() and in_full.is_file():
+        path = in_full
     if not path.is_file():
         raise InputError(f"{path} is not a file: {_what_there_is(path)}")
     return path

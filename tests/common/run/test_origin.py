@@ -12,7 +12,7 @@ from common.network import build_network
 from common.protocol.weights import encode_weights
 from common.registry import ALGORITHMS, ENVIRONMENTS, AlgorithmKind, Environment
 from common.run.config import RunConfig
-from common.run.origin import check_fit, find_weights, origin_of
+from common.run.origin import SHIPPED, check_fit, find_weights, origin_of
 from common.run.own_settings import own_settings
 from common.run.presets import PRESETS
 from common.run.stored_config import to_json
@@ -178,3 +178,23 @@ def test_settings_in_a_file_are_not_trusted(tmp_path: Path, told: str, words: st
     file.write_bytes(save({}, {"config": told}))
     with pytest.raises(InputError, match=words):
         origin_of(file)
+
+
+def test_a_network_goes_by_the_name_under_which_it_was_published(tmp_path: Path) -> None:
+    mine = tmp_path / "policies" / "mine.v2"
+    mine.parent.mkdir()
+    file = mine.with_name("mine.v2.safetensors")
+    with pytest.raises(InputError, match="is not a file"):
+        find_weights(mine)
+    file.touch()
+    assert find_weights(mine) == find_weights(file) == file
+
+
+def test_the_name_of_a_shipped_policy_is_that_policy(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "ale_pong.safetensors").touch()
+    shipped = SHIPPED / "ale_pong.safetensors"
+    assert find_weights("ale_pong") == find_weights("policies/ale_pong") == shipped
+    assert find_weights("ale_pong.safetensors") == Path("ale_pong.safetensors")
