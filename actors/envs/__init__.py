@@ -19,9 +19,14 @@ def make_env(
         training: whether a lost life ends an episode.
 
     Raises:
-        InputError: there is no such environment, robot or game.
+        InputError: there is no such environment, robot or game; or the environment is of another
+            package, and does not fit its entry.
     """
+    # Imported late: `StepInfo`, which lives beside them, needs no emulator.
+    from actors.envs.checked import CheckedEnv
+    from actors.envs.game_env import GameEnv
+
     env: gymnasium.Env[Any, Any] = ENVIRONMENTS.make(
         config.env, config, clock or ClockConfig(), training=training
     )
-    return env
+    return env if isinstance(env, GameEnv) else CheckedEnv(env, config)

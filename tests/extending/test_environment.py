@@ -11,8 +11,12 @@ import pytest
 from annotated_types import Ge, Le
 from rich.console import Console
 
+from actors.envs import make_env
 from actors.envs.step_info import StepInfo
+from actors.loop import play
+from actors.policy import Policy
 from common.errors import InputError
+from common.network import QNetwork
 from common.registry import ENVIRONMENTS, Environment
 from common.run.clock import ClockConfig
 from common.run.conditions import PlayConfig
@@ -56,7 +60,8 @@ class Lamps(gymnasium.Env[Any, np.int64]):
     ) -> tuple[Any, dict[str, Any]]:
         super().reset(seed=seed)
         self._score, self._steps = 0.0, 0
-        return self._look(), StepInfo(False, 0.0, 0, elapsed=0)._asdict()
+        self._frames[:] = self._look()[-1]  # the first state repeats its only frame
+        return self._frames.copy(), StepInfo(False, 0.0, 0, elapsed=0)._asdict()
 
     def step(self, action: np.int64) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         reward = float(action == self._lit)
@@ -104,6 +109,54 @@ def test_an_environment_from_outside_is_learned(tmp_path: Path) -> None:
     assert policy.weights_version > 0
     # A third of ten, by chance.
     assert 1 < summary["random_reward"] < 6
+
+
+class Wrong(gymnasium.Wrapper[Any, Any, Any, Any]):
+    """Lamps whose ``wrong`` part is otherwise than the replay takes it to be."""
+
+    def __init__(self, play: PlayConfig, wrong: str) -> None:
+        super().__init__(Lamps(play))
+        self._wrong = wrong
+        if wrong == "actions":
+            self.action_space = gymnasium.spaces.Discrete(4)
+
+    def reset(self, **how: Any) -> tuple[Any, dict[str, Any]]:
+        frames, info = self.env.reset(**how)
+        if self._wrong == "first frames":
+            frames[0] = 9
+        return frames, info
+
+    def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
+        frames, *rest = self.env.step(action)
+        if self._wrong == "older frames":
+            frames[-2] = 9
+        seen = {
+            "type": frames / 255,
+            "shape": frames[1:],
+            "vector": {"frames": frames, "vector": np.zeros(3, np.float32)},
+        }
+        return seen.get(self._wrong, frames), *rest
+
+
+@pytest.mark.parametrize(
+    ("wrong", "sentence"),
+    [
+        ("actions", "has the actions Discrete(4), and its entry says 3: make them equal."),
+        ("first frames", "begins an episode with frames that differ: repeat the first one, as"),
+        ("older frames", "changes older frames of a state: keep them and append the new one, as"),
+        ("type", "gives frames float64 [4, 84, 84]: give uint8 [4, 84, 84]."),
+        ("shape", "gives frames uint8 [3, 84, 84]: give uint8 [4, 84, 84]."),
+        ("vector", "gives a vector [3], and the settings say [0]: give that one, or change --play"),
+    ],
+)
+def test_what_the_replay_would_store_otherwise_is_refused(wrong: str, sentence: str) -> None:
+    entry = Environment("wrong", lambda config, *_, **__: Wrong(config.play, wrong), lambda _: 3)
+    with added(ENVIRONMENTS, entry):
+        env = make_env(replace(CONFIG, env="wrong"), training=True)
+        steps = play([env], Policy(QNetwork(3), 3, np.random.default_rng(1)), [1])
+        with pytest.raises(InputError) as error:
+            next(steps)
+    assert str(error.value).startswith(f"the environment wrong {sentence}")
 
 
 def test_it_goes_by_its_own_name() -> None:
