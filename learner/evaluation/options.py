@@ -12,6 +12,7 @@ from common.atomic_file import check_new_file
 from common.checked import Count, Fraction, FromOne
 from common.errors import InputError
 from common.process.command_line import WeightsFile, check_bounds
+from common.registry import ENVIRONMENTS
 from common.run.config import RunConfig
 
 
@@ -44,7 +45,7 @@ class EvaluationOptions:
     --randomise flag is given. --sync, --wait-action and --speed apply too."""
     headline: bool = False
     """Three evaluations in one table and one file: with 0.001 random actions, with 0.05 as in 2017,
-    and with 0.001 under sticky actions (--play.sticky 0.25)."""
+    and with 0.001 under sticky actions (--play.sticky 0.25), which only Atari games have."""
     games: FromOne = 30
     """Number of games, over all processes; with --headline, of each of its three evaluations."""
     test_steps: Count = 0
@@ -88,4 +89,6 @@ class EvaluationOptions:
             return (Measure(self.epsilon, config.play.sticky),)
         if config.play.sticky != (trained or RunConfig()).play.sticky:
             raise InputError("--headline has its own sticky actions: omit --play.sticky.")
-        return HEADLINE
+        # Without a console, the same games would be played again and called sticky.
+        has_console = ENVIRONMENTS.find(config.env).atari
+        return [each for each in HEADLINE if has_console or not each.sticky]

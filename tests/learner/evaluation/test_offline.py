@@ -13,12 +13,14 @@ from rich.console import Console
 
 from common.errors import InputError
 from common.process.supervisor import Child
+from common.registry import ENVIRONMENTS, Environment
 from common.run.clock import ClockConfig
 from common.run.config import RunConfig
 from common.run.presets import PRESETS
 from learner.evaluation import offline
 from learner.evaluation.offline import evaluate, play
 from learner.evaluation.options import EvaluationOptions
+from tests.extending.whole_run import added
 from tests.patience import PATIENCE
 
 CONFIG = replace(PRESETS["fast"], seed=7)
@@ -202,6 +204,14 @@ def test_a_headline_is_three_measures_in_one_table_and_one_file(
         "26.00 ± 0.00",
     ):
         assert cell in shown
+
+
+def test_a_headline_has_no_sticky_actions_where_no_console_could_repeat_them() -> None:
+    options = EvaluationOptions(Path("p.safetensors"), headline=True)
+    for atari, sticky in ((False, [0.0, 0.0]), (True, [0.0, 0.0, 0.25])):
+        with added(ENVIRONMENTS, Environment("lamps", "lamps:make", lambda _: 3, atari=atari)):
+            measures = options.measures(replace(CONFIG, env="lamps"), None)
+        assert [each.sticky for each in measures] == sticky
 
 
 def test_what_a_headline_would_override_is_refused(program: Path) -> None:
