@@ -3,6 +3,8 @@
 from collections.abc import Mapping
 from typing import Any, NamedTuple, get_origin
 
+from common.errors import InputError
+
 
 class StepInfo(NamedTuple):
     """The ``info`` of a `reset` or `step`: typed here, a dictionary for Gymnasium.
@@ -43,13 +45,14 @@ class StepInfo(NamedTuple):
         """Returns what ``info`` says, without keys that a wrapper added.
 
         Raises:
-            KeyError: a key without a default is missing.
+            InputError: a key without a default is missing.
         """
         # Values are converted, because some environments give numpy's types.
         told = {name: kind(info[name]) for name, kind in _TYPES.items() if name in info}
         if missing := _REQUIRED - told.keys():
-            raise KeyError(
-                f"info lacks {', '.join(sorted(missing))}: give StepInfo(...)._asdict()."
+            raise InputError(
+                f"the environment's info lacks {', '.join(sorted(missing))}: give "
+                "StepInfo(...)._asdict()."
             )
         return cls(**told)
 

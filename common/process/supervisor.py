@@ -27,6 +27,8 @@ _EARLY = 15.0
 _MOST_EARLY_ENDS = 3
 _TAIL = 4_096
 """Characters at the end of a log, or of a piped standard error, that may hold the last line."""
+_SILENCE = "nothing"
+"""What a child said that wrote no line."""
 _LOWER_PRIORITY = 10
 """Difference in niceness: the child gets a tenth of the processor if both want it.
 
@@ -101,7 +103,7 @@ class Child(subprocess.Popen[str]):
             if self.stderr is not None:
                 self._reader.join()
             said = self._said
-        lines = said.strip().splitlines() or ["nothing"]
+        lines = said.strip().splitlines() or [_SILENCE]
         return lines[-1].removeprefix("error: ").rstrip(".")
 
     def failure(self, name: str) -> InputError:
@@ -180,6 +182,8 @@ class Supervisor:
                     f"{name} cannot start: it ended {_MOST_EARLY_ENDS} times by {how} and said: "
                     f"{child.last_line()} (more in {child.log})."
                 )
+            if status > 0 and (said := child.last_line()) != _SILENCE:
+                how += f" ({said})"
             if worked > SETTLED:
                 self._restarts[name] = 0
             if pause := growing_pause(self._restarts[name]):

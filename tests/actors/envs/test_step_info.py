@@ -7,6 +7,7 @@ import pytest
 from actors.envs.ale import AtariEnv
 from actors.envs.robot import RobotEnv
 from actors.envs.step_info import StepInfo
+from common.errors import InputError
 
 
 def test_there_and_back() -> None:
@@ -34,7 +35,7 @@ def test_numbers_of_numpy_and_keys_of_wrappers_do_no_harm() -> None:
 
 
 def test_an_environment_that_does_not_say_where_games_end_is_told_so() -> None:
-    with pytest.raises(KeyError, match="info lacks game_over, game_steps"):
+    with pytest.raises(InputError, match="info lacks game_over, game_steps"):
         StepInfo.of({"game_score": 1.0})
 
 

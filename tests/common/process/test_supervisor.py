@@ -133,8 +133,9 @@ def test_a_child_that_cannot_start_is_given_up_with_its_last_line(
 ) -> None:
     clock = Clock()
     children = started(program, tmp_path, script, clock)
-    assert notes_of(children) == [f"actor-1 ended by {how}, started again"]
-    assert notes_of(children) == [f"actor-1 ended by {how}, next try in 1 s"]
+    why = f"{how} (no room)" if how == "status 3" else how
+    assert notes_of(children) == [f"actor-1 ended by {why}, started again"]
+    assert notes_of(children) == [f"actor-1 ended by {why}, next try in 1 s"]
     clock.now += 1.0
     assert children.watch(finished=False) == ["actor-1 started again"]
     with pytest.raises(InputError, match=f"^actor-1 cannot start: .*{how} and said: no room "):
@@ -149,7 +150,7 @@ def test_a_child_that_is_refused_is_given_up_however_slowly_it_starts(
     children = started(program, tmp_path, "print('not listed'); raise SystemExit(2)", clock)
     for pause in (0, 1):
         clock.now += 100.0
-        assert notes_of(children)[0].startswith("actor-1 ended by status 2")
+        assert notes_of(children)[0].startswith("actor-1 ended by status 2 (not listed), ")
         clock.now += pause
         children.watch(finished=False)
     clock.now += 100.0
