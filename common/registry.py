@@ -128,9 +128,10 @@ class Registry(Generic[T]):
         key = name if name in self._entries else f"FILE{path_of(name).suffix}"
         if key not in self._entries:
             hint = choice(name, self.names)
-            if hint.endswith("."):
-                hint = f"{hint[:-1]}, or install the package that has it."
-            raise InputError(f"there is no {self._noun} {name!r}: {hint}")
+            hint = f"{hint[:-1]}, or" if hint.endswith(".") else f"{hint} Otherwise"
+            raise InputError(
+                f"there is no {self._noun} {name!r}: {hint} install the package that has it."
+            )
         return self._entries[key]
 
     def _load(self, point: EntryPoint) -> T:

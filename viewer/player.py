@@ -35,7 +35,10 @@ def shown_env(config: RunConfig, clock: ClockConfig | None = None) -> Iterator[G
     robot nor an emulator, so that there is nothing to show."""
     with closing(make_env(config, clock, training=False)) as env:
         if not isinstance(env, GameEnv):
-            raise InputError("only robots and emulators can be shown: choose another --env.")
+            raise InputError(
+                f"only robots and emulators can be shown, not {config.env}: choose another --env, "
+                "or a network that plays one of them."
+            )
         yield env
 
 

@@ -38,6 +38,10 @@ def test_this_projects_are_known() -> None:
     [
         (RunConfig(env="real"), "there is no environment 'real': choose one of ale, robot, or"),
         (
+            RunConfig(env="balance"),
+            r"no environment .*: did you mean ale\? Otherwise install the package that has it",
+        ),
+        (
             replace(RunConfig(), play=replace(RunConfig().play, robot="atlas")),
             "there is no robot 'atlas': choose one of FILE.npz, nao, robotroller, or install",
         ),

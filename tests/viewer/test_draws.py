@@ -48,7 +48,7 @@ def test_what_means_nothing_to_the_emulator_is_refused(tmp_path: Path) -> None:
 
 def test_an_environment_that_cannot_be_shown_is_refused(tmp_path: Path) -> None:
     other = Environment("other", lambda *_, **__: gymnasium.Env(), lambda _: 3)
-    with added(ENVIRONMENTS, other), pytest.raises(InputError, match="only robots and emulators"):
+    with added(ENVIRONMENTS, other), pytest.raises(InputError, match="not other: "):
         Draws(env="other", output=tmp_path / "d.png").run(threading.Event())
 
 
