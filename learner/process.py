@@ -91,9 +91,9 @@ def train(options: LearnerOptions, again: bool) -> int:
             join = join_command(options)
             disk = replay.progress(MAX_COUNT).file_bytes
             display.line(
-                f"run {folder.name} in {folder.path}: {config.played}, preset "
-                f"{config.preset}, on {device.name}; its replay takes {disk / 1e9:.2f} GB of disk; "
-                f"actors find it at {endpoint}"
+                f"run {folder.name} in {folder.path}: {config.played}, preset {config.preset}, "
+                f"{config.learning.algorithm}, on {device.name}; its replay takes "
+                f"{disk / 1e9:.2f} GB of disk; actors find it at {endpoint}"
                 f"{f' ({join})' if join else ''}."
             )
             learner.run(children)

@@ -8,6 +8,7 @@ import dataclasses
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from operator import attrgetter
+from pathlib import Path
 from typing import Annotated, Literal
 
 from annotated_types import Ge, Le, Lt
@@ -210,8 +211,11 @@ class RunConfig:
 
     @property
     def played(self) -> str:
-        """What is played by whom, for people: "pong (robot)", or "catch"."""
-        return self.env if self.task == self.env else f"{self.task} ({self.env})"
+        """What is played by whom, for people: "pong (robot)", "pong (robotroller)" or "catch"."""
+        if self.task == self.env:
+            return self.env
+        usual = self.play.robot == PlayConfig.robot or not ENVIRONMENTS.find(self.env).robot
+        return f"{self.task} ({self.env if usual else Path(self.play.robot).name})"
 
     @property
     def samples_per_insert(self) -> float:

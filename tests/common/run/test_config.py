@@ -201,3 +201,17 @@ def test_a_curriculum_ends_with_whole_ranges(gone: int, share: float) -> None:
 def test_samples_per_insert(batch: int, every: int, ratio: float) -> None:
     config = replace(GOOD, learning=LearningConfig(batch_size=batch, train_period=every))
     assert config.samples_per_insert == ratio
+
+
+@pytest.mark.parametrize(
+    ("env", "robot", "played"),
+    [
+        ("ale", "nao", "breakout (ale)"),
+        ("robot", "nao", "breakout (robot)"),
+        ("robot", "robotroller", "breakout (robotroller)"),
+        ("robot", "/bodies/arm.npz", "breakout (arm.npz)"),
+    ],
+)
+def test_another_robot_than_the_usual_is_told(env: str, robot: str, played: str) -> None:
+    config = changed("play.robot", robot, changed("game", "breakout", changed("env", env)))
+    assert config.played == played
