@@ -43,9 +43,9 @@ $(VENV)/.installed: requirements.lock requirements-torch.lock pyproject.toml
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
 	@touch $@
 
-# How the run says at its end that it goes on.
-GIVEN = $(foreach name,NAME ACTORS ARGS,$(if $(filter-out file,$(origin $(name))),$(name)='$(subst ','\'',$($(name)))'))
-train: export ALE_ROBOT_AGAIN = $(strip make train $(GIVEN))
+# How the run says at its end that it goes on, if it is one that `make train` finds again below.
+GIVEN = $(foreach name,NAME ACTORS ARGS,$(if $(filter-out file,$(origin $(name))),$(name)='$(subst ','\'',$(value $(name)))'))
+train: export ALE_ROBOT_AGAIN = $(if $(filter --run% --connect%,$(ARGS)),,$(strip make train $(GIVEN)))
 train: setup  ## train the robot on this machine until Ctrl-C; go on by running it again (NAME=, ACTORS=, ARGS=)
 	$(BIN)/ale-robot train --run $(NAME) --actors $(ACTORS) \
 		$(if $(wildcard runs/$(NAME)/replay),--resume) $(ARGS)
