@@ -42,7 +42,7 @@ COMMANDS: dict[str, Any] = {kind.__name__.lower(): kind for kind in get_args(EVE
 def main() -> int:
     name, *arguments = sys.argv[1:] or ["--help"]
     kind = COMMANDS.get(name)
-    had_weights = kind not in (Human, Check)  # where no network was ever named
+    had_weights = kind not in (Human, Check, Draws, Policies)  # where no network was ever named
     if had_weights and any(argument.partition("=")[0] == "--weights" for argument in arguments):
         raise InputError("--weights is gone: name the network alone, as in `watch robot_pong`.")
     if kind is None:

@@ -21,7 +21,7 @@ from common.run.conditions import Conditions
 from common.run.config import RunConfig
 from common.run.ranges import RandomiseConfig, all_ranges
 from viewer import overlay
-from viewer.picture import write_picture
+from viewer.picture import check_picture, write_picture
 from viewer.player import Played, shown_env
 
 _WIDTH, _HEIGHT = 480, 360
@@ -48,20 +48,24 @@ class Draws(Played):
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"], metavar="FILE.png")] = Path("draws.png")
     """File of the picture."""
 
+    def check(self) -> None:
+        self._drawn().check()
+        check_picture(self.output)
+
     def run(self, stop: threading.Event) -> None:
-        """Writes the picture. Raises InputError if it cannot be written, or if the environment has
-        no such conditions."""
-        usual = self.config()
-        ranges = self.randomise
-        if ranges == all_ranges("robot"):
-            ranges = all_ranges(usual.env)
-        drawn = replace(usual, randomise=ranges)
-        drawn.check()
+        """Writes the picture. Raises InputError if the command was stopped before any game."""
+        usual, drawn = self.config(), self._drawn()
         tiles = [*games(usual, 1, stop), *games(drawn, self.count - 1, stop)]
         if not tiles:
             raise InputError("the command was stopped before any game: run it again.")
         write_picture(self.output, sheet(tiles))
         print(f"wrote {self.output}")
+
+    def _drawn(self) -> RunConfig:
+        usual, ranges = self.config(), self.randomise
+        if ranges == all_ranges("robot"):
+            ranges = all_ranges(usual.env)
+        return replace(usual, randomise=ranges)
 
 
 def games(config: RunConfig, count: int, stop: threading.Event) -> list[NDArray[np.uint8]]:

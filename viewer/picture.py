@@ -9,11 +9,14 @@ from numpy.typing import NDArray
 from common.atomic_file import check_new_file
 from common.errors import InputError, writing
 
+_FORMATS = (".png", ".jpg", ".jpeg", ".webp", ".bmp", ".tif", ".tiff", ".ppm")
+"""Ends of names that OpenCV writes in colours, whichever version and build it is."""
+
 
 def check_picture(path: Path) -> None:
     """Makes the folder of a picture that will be written. Raises InputError if it could not be
     written."""
-    if not cv2.haveImageWriter(_as_named(path)):
+    if _as_named(path) not in _FORMATS:
         raise InputError(f"{path} does not name a picture: choose a name that ends in .png.")
     check_new_file(path)
 
@@ -28,4 +31,4 @@ def write_picture(path: Path, picture: NDArray[np.uint8]) -> None:
 
 def _as_named(path: Path) -> str:
     """Returns the format of a picture by its name's end, PNG without one."""
-    return path.suffix or ".png"
+    return path.suffix.lower() or ".png"

@@ -40,10 +40,12 @@ def test_the_first_game_is_the_usual_one_and_the_others_differ(
     assert not np.array_equal(tiles[1], tiles[2])
 
 
-def test_what_means_nothing_to_the_emulator_is_refused(tmp_path: Path) -> None:
+def test_what_cannot_be_drawn_or_written_is_refused_before_the_games(tmp_path: Path) -> None:
     turned = Draws(env="ale", randomise=RandomiseConfig(head_pose=3.0), output=tmp_path / "d.png")
     with pytest.raises(InputError, match=r"^randomise.head_pose is 3.0, which means nothing"):
-        turned.run(threading.Event())
+        turned.check()
+    with pytest.raises(InputError, match=r"d\.txt does not name a picture"):
+        Draws(output=tmp_path / "d.txt").check()
 
 
 def test_an_environment_that_cannot_be_shown_is_refused(tmp_path: Path) -> None:

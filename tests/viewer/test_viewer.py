@@ -62,6 +62,12 @@ def size_of(picture: Path) -> tuple[int, int, int]:
     return high, wide, colours
 
 
+def hide_pytorch(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Lets PyTorch be missing."""
+    parse(Check, "viewer", [])  # tyro's first parse would import what is hidden
+    monkeypatch.setitem(sys.modules, "torch", None)
+
+
 def test_commands(tmp_path: Path) -> None:
     weights = tmp_path / "w"
     weights.touch()
@@ -73,7 +79,7 @@ def test_commands(tmp_path: Path) -> None:
 def test_a_command_says_at_a_terminal_that_it_loads_pytorch_if_its_flags_are_right(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setitem(sys.modules, "torch", None)
+    hide_pytorch(monkeypatch)
     said = []
     for terminal in (True, False):
         monkeypatch.setattr(sys.stdout, "isatty", lambda terminal=terminal: terminal)
@@ -102,6 +108,7 @@ def test_a_network_needs_no_flag(kind: Any, tmp_path: Path) -> None:
         (["watch", "--weights=robot_pong"], "^--weights is gone: name the network alone"),
         (["human", "--weights", "w"], "^there is no flag --weights"),
         (["check", "--weights", "w"], "^there is no flag --weights"),
+        (["draws", "--weights", "w"], "^there is no flag --weights"),
         (["play", "ale_pong", "robot_pong"], "^robot_pong .* is one too many"),
         (["play", "--epsilon", "1.5"], "--epsilon is 1.5"),
         (["play", "--video", "v.gif"], "--seconds up to 120, or an .mp4"),
@@ -116,6 +123,7 @@ def test_a_network_needs_no_flag(kind: Any, tmp_path: Path) -> None:
         (["check", "--seed", "-1"], "--seed is -1"),
         (["check", "--game", "pomg"], "did you mean pong"),
         (["check", "-o", "p.txt"], r"p\.txt does not name a picture"),
+        (["check", "-o", "p.pgm"], r"p\.pgm does not name a picture"),
         (["film", "--game", "pomg"], "did you mean pong"),
         (["film", "--video", "f.txt"], r"let it end in \.mp4 or \.gif"),
         (["film", "policies"], "is not the folder of a run"),
@@ -124,7 +132,7 @@ def test_a_network_needs_no_flag(kind: Any, tmp_path: Path) -> None:
 def test_flags_that_cannot_be_followed_are_told_before_pytorch_is_loaded(
     arguments: list[str], words: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setitem(sys.modules, "torch", None)
+    hide_pytorch(monkeypatch)
     with pytest.raises(InputError, match=words):
         command(monkeypatch, *arguments)
 
@@ -468,7 +476,7 @@ def test_a_package_that_is_not_installed_is_told_before_pytorch_is_loaded(
     monkeypatch: pytest.MonkeyPatch, arguments: list[str], package: str, extra: str
 ) -> None:
     monkeypatch.setitem(sys.modules, package, None)
-    monkeypatch.setitem(sys.modules, "torch", None)
+    hide_pytorch(monkeypatch)
     with pytest.raises(InputError, match=rf"{package}, .*: pip install 'ale-robot\[{extra}\]'"):
         command(monkeypatch, *arguments)
 
@@ -503,6 +511,6 @@ def test_what_cannot_work_is_refused_before_pytorch_is_loaded(
     (tmp_path / "here").mkdir()
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "argv", ["viewer", *arguments])
-    monkeypatch.setitem(sys.modules, "torch", None)
+    hide_pytorch(monkeypatch)
     with pytest.raises(InputError, match=words):
         main()
