@@ -3,6 +3,7 @@
 import json
 import re
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from operator import attrgetter
 from pathlib import Path
@@ -105,14 +106,14 @@ def _read(path: Path, phase: Phase) -> Run:
 def _how_far(path: Path) -> str:
     """Returns how far the run in the folder ``path`` is on its way to the end of its first epoch;
     nothing if that is unknown, as for a CSV file alone."""
-    run = RunFolder.at(path)
-    if run is None or (config := run.stored_config()) is None:
-        return ""
-    steps = (_json(run.summary) or {}).get("agent_steps")
-    if not isinstance(steps, int):
-        return ""
-    whole = config.replay.learning_starts + config.protocol.epoch_steps
-    return f" ({steps:,} of {whole:,} steps)"
+    with suppress(InputError):  # a copy may have a name that no run could have
+        run = RunFolder.at(path.resolve())
+        config = None if run is None else run.stored_config()
+        steps = (_json(path / "summary.json") or {}).get("agent_steps")
+        if config is not None and isinstance(steps, int):
+            whole = config.replay.learning_starts + config.protocol.epoch_steps
+            return f" ({steps:,} of {whole:,} steps)"
+    return ""
 
 
 def _settings(folder: Path) -> str | None:

@@ -437,11 +437,18 @@ def test_files_of_another_kind_are_refused(tmp_path: Path) -> None:
             draw(Options((path,), figure=figure))
 
 
-def test_before_the_first_epoch_it_is_told_how_far_the_run_is(tmp_path: Path) -> None:
+def test_before_the_first_epoch_it_is_told_how_far_the_run_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     EpochTable(tmp_path / "epochs.csv").append(ROW)
     (tmp_path / "config.json").write_text(to_json(PRESETS["robot"]))
     with pytest.raises(InputError, match="no complete epoch yet: let the run go on"):
         read_groups([tmp_path])
     (tmp_path / "summary.json").write_text('{"agent_steps": 12345}')
-    with pytest.raises(InputError, match=r"no complete epoch yet \(12,345 of 60,000 steps\): let"):
-        read_groups([tmp_path])
+    monkeypatch.chdir(tmp_path)
+    for path in (tmp_path, Path(".")):
+        with pytest.raises(InputError, match=r"epoch yet \(12,345 of 60,000 steps\): let"):
+            read_groups([path])
+    copied = tmp_path.rename(tmp_path.with_name("a copy (2)"))
+    with pytest.raises(InputError, match="no complete epoch yet: let the run go on"):
+        read_groups([copied])
