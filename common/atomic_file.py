@@ -44,11 +44,12 @@ def write_atomically(path: Path, content: bytes, former: Path | None = None) -> 
             try:
                 os.link(path, kept)
             except OSError:  # as on a FAT disk, which has no links
-                shutil.copyfile(path, kept)
+                shutil.copyfile(path, kept, follow_symlinks=False)
             kept.replace(former)
         fresh.replace(path)
     except OSError:
-        fresh.unlink(missing_ok=True)  # a partial file must not fill the disk
+        for partial in (fresh, kept):  # it must not fill the disk
+            partial.unlink(missing_ok=True)
         raise
     folder = os.open(path.parent, os.O_RDONLY)
     try:

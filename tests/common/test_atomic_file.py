@@ -2,6 +2,7 @@
 
 import errno
 import os
+import shutil
 from pathlib import Path
 
 import pytest
@@ -53,6 +54,16 @@ def test_a_disk_without_links_keeps_the_former_content_too(
     path, former = tmp_path / "file", tmp_path / "former"
     for content in (b"first", b"second", b"third"):
         write_atomically(path, content, former)
+    assert (path.read_bytes(), former.read_bytes()) == (b"third", b"second")
+    assert sorted(os.listdir(tmp_path)) == ["file", "former"]
+
+    def full(source: Path, target: Path, *, follow_symlinks: bool) -> None:
+        target.write_bytes(source.read_bytes()[:2])
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(shutil, "copyfile", full)
+    with pytest.raises(OSError, match="No space left"):
+        write_atomically(path, b"fourth", former)
     assert (path.read_bytes(), former.read_bytes()) == (b"third", b"second")
     assert sorted(os.listdir(tmp_path)) == ["file", "former"]
 
