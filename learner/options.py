@@ -23,7 +23,7 @@ from common.process.log_lines import LOADING
 from common.registry import ALGORITHMS
 from common.run.clock import ClockConfig
 from common.run.config import MAX_ENVS, RunConfig
-from common.run.folder import RunFolder
+from common.run.folder import Part, RunFolder
 from common.run.origin import origin_of
 from common.run.presets import PRESETS
 from common.run.ranges import NOTHING_DRAWN
@@ -159,7 +159,9 @@ class LearnerOptions(RunOptions):
             if given is not None and extra is not None:
                 check_extra(flag, extra)
         folder = RunFolder(self.runs, run_name(self))
-        folder.check_claim("learner", self.config, resume=self.resume)
+        parts: tuple[Part, ...] = ("learner",) if self.connect else ("learner", "replay")
+        for part in parts:
+            folder.check_claim(part, self.config, resume=self.resume)
 
     def _check_algorithm(self) -> None:
         """Refuses settings that the algorithm ignores, unless they come from the preset."""

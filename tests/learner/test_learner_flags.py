@@ -233,6 +233,14 @@ def test_a_program_says_that_it_starts_once_its_flags_are_known_to_be_right(
     assert said(ImportError, *evaluation) == ("", f"{LOADING}\n")
 
 
+def test_a_run_is_refused_at_once_if_it_has_a_replay_and_no_checkpoint(tmp_path: Path) -> None:
+    flags = ("--runs", str(tmp_path), "--run", "r")
+    RunFolder(tmp_path, "r").replay.mkdir(parents=True)
+    with pytest.raises(InputError, match="already holds a run: go on with it by --resume"):
+        learner(*flags).check_here()
+    learner(*flags, "--connect", "tcp/h:1").check_here()  # the replay is another process's
+
+
 @pytest.mark.parametrize(
     ("arguments", "done", "again"),
     [
