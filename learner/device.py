@@ -76,8 +76,8 @@ def choose_device(
     )
     if precision == "bfloat16" and not native:
         say_aside(
-            f"warning: this {kind.upper()} only emulates bfloat16, slower than float32: omit "
-            "--precision bfloat16.",
+            f"warning: this {'GPU' if kind == 'cuda' else 'CPU'} only emulates bfloat16, slower "
+            "than float32: omit --precision bfloat16.",
             "warning",
         )
     bfloat16 = native if precision == "auto" else precision == "bfloat16"

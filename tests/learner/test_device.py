@@ -60,6 +60,15 @@ def test_bfloat16_that_a_processor_only_emulates_is_warned_of(
     assert capsys.readouterr().err[: len(told) or None] == told
 
 
+def test_a_gpu_that_only_emulates_bfloat16_is_called_one(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    monkeypatch.setattr(torch.cuda, "is_bf16_supported", lambda *, including_emulation: False)
+    assert choose_device("cuda", "bfloat16").bfloat16
+    assert capsys.readouterr().err.startswith("warning: this GPU only emulates bfloat16")
+
+
 @pytest.fixture
 def gpu(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
     """A GPU of which 3 of 16 GB are in use."""
