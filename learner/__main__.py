@@ -42,9 +42,9 @@ def main() -> int | None:
         on_signals(stop)
         found = evaluate(options.evaluation, options.config, stored, options.clock, stop)
         return INTERRUPTED if found is None else 0
-    options.check_here()
     if options.log_json:
         say_json("learner")
+    options.check_here()
     say(opening(options))
     from learner.process import train
 

@@ -233,6 +233,17 @@ def test_a_program_says_that_it_starts_once_its_flags_are_known_to_be_right(
     assert said(ImportError, *evaluation) == ("", f"{LOADING}\n")
 
 
+def test_what_the_runs_folder_refuses_is_a_line_of_json_too(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    roles: list[str] = []
+    monkeypatch.setattr("learner.__main__.say_json", roles.append)
+    monkeypatch.setattr(sys, "argv", ["learner", "--run", "nobodys", "--resume", "--log-json"])
+    with pytest.raises(InputError, match="there is no run"):
+        main()
+    assert roles == ["learner"]
+
+
 def test_a_run_is_refused_at_once_if_it_has_a_replay_and_no_checkpoint(tmp_path: Path) -> None:
     flags = ("--runs", str(tmp_path), "--run", "r")
     RunFolder(tmp_path, "r").replay.mkdir(parents=True)
