@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import IO, Literal, Self, get_args
 
 from common.atomic_file import write_atomically
-from common.errors import InputError, cannot_write, choice
+from common.errors import InputError, cannot_write, choice, writing
 from common.protocol.run_keys import check_name
 from common.regular_file import no_links, not_waiting, read_file
 from common.run.config import RunConfig
@@ -125,21 +125,27 @@ class RunFolder:
     def claim(self, part: Part, config: RunConfig, *, resume: bool) -> None:
         """Claims ``part`` of the run for this process, and settles the run's configuration. Raises
         InputError if another process holds the part, or `check_claim` does."""
-        stored = self.check_claim(part, config, resume=resume)
-        try:
+        self.check_claim(part, config, resume=resume)  # what is refused makes no folder
+        with writing(self.path):
             self._made |= not self.path.exists()
             self.path.mkdir(parents=True, exist_ok=True)
-            lock = os.fdopen(no_links(str(self._lock(part)), os.O_WRONLY | os.O_CREAT), "w")
-            fcntl.fcntl(lock, fcntl.F_OFD_SETLK, _WHOLE)
-        except BlockingIOError:
-            raise InputError(
-                f"another {part} is at work in {self.path}: end it, or name another run with --run."
-            ) from None
-        except OSError as error:
-            raise cannot_write(self.path, error) from None
-        self._locks[part] = lock  # held until the process ends, in whatever way
-        if stored != config:
-            write_atomically(self.config_file, to_json(config).encode())
+            claims = self._opened("claim")
+            fcntl.fcntl(claims, fcntl.F_OFD_SETLKW, _WHOLE)
+        with claims:  # learner and replay, which may start at once, settle one configuration
+            stored = self.check_claim(part, config, resume=resume)
+            try:
+                lock = self._opened(part)
+                fcntl.fcntl(lock, fcntl.F_OFD_SETLK, _WHOLE)
+            except BlockingIOError:
+                raise InputError(
+                    f"another {part} is at work in {self.path}: end it, or name another run with "
+                    "--run."
+                ) from None
+            except OSError as error:
+                raise cannot_write(self.path, error) from None
+            self._locks[part] = lock  # held until the process ends, in whatever way
+            if stored != config:
+                write_atomically(self.config_file, to_json(config).encode())
 
     @contextmanager
     def removed_if_unused(self) -> Iterator[None]:
@@ -153,6 +159,7 @@ class RunFolder:
                 self.initial,
                 self.demonstrations,
                 self.logs,
+                self._lock("claim"),
                 *map(self._lock, self._locks),
             }
             if self._made and at_first.issuperset(self.path.iterdir()):
@@ -162,8 +169,11 @@ class RunFolder:
         checkpoints = (self.checkpoint, self.previous)
         return any(path.exists() for path in (checkpoints if part == "learner" else [self.replay]))
 
-    def _lock(self, part: Part) -> Path:
-        return self.path / f".{part}.lock"
+    def _lock(self, what: Part | Literal["claim"]) -> Path:
+        return self.path / f".{what}.lock"
+
+    def _opened(self, what: Part | Literal["claim"]) -> IO[str]:
+        return os.fdopen(no_links(str(self._lock(what)), os.O_WRONLY | os.O_CREAT), "w")
 
     def is_at_work(self, *parts: Part) -> bool:
         """Whether a process, this one or another, holds one of ``parts``; by default any part."""

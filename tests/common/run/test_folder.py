@@ -1,17 +1,20 @@
 """Owners of a run's folder, and what a claim refuses."""
 
+import fcntl
 import json
 import os
 import signal
 import struct
 import subprocess
 import sys
+import threading
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from common.atomic_file import write_atomically
 from common.errors import InputError
 from common.run.config import RunConfig
 from common.run.epochs import EpochTable
@@ -20,6 +23,7 @@ from common.run.presets import PRESETS
 from learner.demonstrations import Begun
 from replay.journal import read_journal
 from tests.paths import ROOT
+from tests.patience import PATIENCE
 
 FAST = PRESETS["fast"]
 
@@ -137,6 +141,40 @@ def test_another_configuration_is_refused_with_the_differences(
     other = replace(FAST, seed=2, game="breakout")
     with pytest.raises(InputError, match=r"\(game pong → breakout; seed 1 → 2\)"):
         claim(tmp_path, "replay", other, resume=resume)
+    assert folder.stored_config() == FAST
+
+
+def test_learner_and_replay_that_start_at_once_settle_one_configuration(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    waits, refused, control = threading.Event(), list[str](), fcntl.fcntl
+
+    def begin_the_replay() -> None:
+        try:
+            claim(tmp_path, "replay", PRESETS["paper"])
+        except InputError as error:
+            refused.append(str(error))
+        waits.set()
+
+    replay = threading.Thread(target=begin_the_replay)
+
+    def watched(file: Any, command: int, lock: bytes) -> Any:
+        if command == fcntl.F_OFD_SETLKW and threading.current_thread() is replay:
+            waits.set()
+        return control(file, command, lock)
+
+    def write(path: Path, content: bytes) -> None:
+        if threading.current_thread() is not replay:
+            replay.start()
+            assert waits.wait(PATIENCE)
+        write_atomically(path, content)
+
+    monkeypatch.setattr(fcntl, "fcntl", watched)
+    monkeypatch.setattr("common.run.folder.write_atomically", write)
+    folder = claim(tmp_path, "learner", FAST)
+    replay.join(PATIENCE)
+    assert len(refused) == 1
+    assert "keeps its settings" in refused[0]
     assert folder.stored_config() == FAST
 
 
