@@ -81,6 +81,8 @@ class RunFolder:
     @classmethod
     def at(cls, path: Path) -> Self | None:
         """Returns the run whose folder is ``path``; None if it is not the folder of a run."""
+        if path.name in ("", ".."):  # as ".", in the folder itself
+            path = path.resolve()
         return cls(path.parent, path.name) if (path / "config.json").is_file() else None
 
     def stored_config(self) -> RunConfig | None:

@@ -64,6 +64,21 @@ def test_everything_of_a_run_lies_in_its_folder(tmp_path: Path) -> None:
     assert all(place.parent == tmp_path / "r" for place in places)
 
 
+def test_a_run_is_found_from_inside_its_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    claim(tmp_path, name="run")
+    inside = tmp_path / "run" / "snapshots"
+    inside.mkdir()
+    for place, path in ((inside.parent, "."), (inside, ".."), (tmp_path, "run")):
+        monkeypatch.chdir(place)
+        run = RunFolder.at(Path(path))
+        assert run is not None
+        assert (run.name, run.path.resolve()) == ("run", inside.parent)
+    monkeypatch.chdir(tmp_path)
+    assert RunFolder.at(Path()) is None
+
+
 def test_a_name_that_leads_elsewhere_is_refused(tmp_path: Path) -> None:
     for name in ("..", "../r", "/tmp", ""):
         with pytest.raises(InputError, match="cannot be used"):
