@@ -54,7 +54,7 @@ class Options:
     last: bool = False
     """Publish the last weights instead of those of the best test."""
     games: FromOne = 30
-    """Number of games in each of the three evaluations of --headline."""
+    """Number of games in each evaluation of --headline."""
 
 
 def publish(options: Options, stop: threading.Event) -> dict[str, Any]:
