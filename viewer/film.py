@@ -62,24 +62,25 @@ class Film(Played):
     """URDF of another NAO, with meshes, to show in the panels; the physics stay the same."""
 
     def check(self) -> None:
-        if self.shown is None or not self._shows_run:
+        if (run := self._run) is None:
             self._play().check()
             return
-        chapters = chapters_of(self.shown)
+        chapters = chapters_of(run)
         self.config(chapters[-1].weights)
-        check_movie(self._video_of(self.shown), self.seconds or _CHAPTER, len(chapters))
+        check_movie(self._video_of(run), self.seconds or _CHAPTER, len(chapters))
 
     def run(self, stop: threading.Event) -> None:
         """Film until the end, or until ``stop``. Raises InputError if the film cannot be
         written."""
-        if self.shown is not None and self._shows_run:
-            self._time_lapse(self.shown, stop)
-        else:
+        if (run := self._run) is None:
             self._play().run(stop)
+        else:
+            self._time_lapse(run, stop)
 
     @property
-    def _shows_run(self) -> bool:
-        return self.shown is not None and self.shown.is_dir()
+    def _run(self) -> Path | None:
+        """The folder of the run to film; None if it is one network."""
+        return self.shown if self.shown is not None and self.shown.is_dir() else None
 
     def _play(self) -> Play:
         return Play(

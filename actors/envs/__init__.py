@@ -20,7 +20,7 @@ def make_env(
 
     Raises:
         InputError: there is no such environment, robot or game; or the environment is of another
-            package, and does not fit its entry.
+            package, and has other actions than its entry.
     """
     # Imported late: `StepInfo`, which lives beside them, needs no emulator.
     from actors.envs.checked import CheckedEnv

@@ -20,7 +20,7 @@ class CheckedEnv(gymnasium.Wrapper[Any, Any, Any, Any]):
     has to be the frames of the state before without the oldest, and a new one; the first state of
     an episode repeats its only frame.
 
-    `reset` and `step` raise InputError if they are otherwise.
+    Making it raises InputError if the actions are otherwise; `reset` and `step`, if a state is.
     """
 
     def __init__(self, env: gymnasium.Env[Any, Any], config: RunConfig) -> None:
@@ -28,17 +28,17 @@ class CheckedEnv(gymnasium.Wrapper[Any, Any, Any, Any]):
         self._name = f"the environment {config.env}"
         self._shape = (config.play.frame_stack, *FRAME_SHAPE)
         self._width = config.vector_width
-        self._actions = gymnasium.spaces.Discrete(config.action_count)
         self._frames: NDArray[np.uint8]
+        actions = gymnasium.spaces.Discrete(config.action_count)
+        if env.action_space != actions:
+            raise InputError(
+                f"{self._name} has the actions {env.action_space}, and its entry says "
+                f"{actions.n}: make them equal."
+            )
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
-        if self.action_space != self._actions:
-            raise InputError(
-                f"{self._name} has the actions {self.action_space}, and its entry says "
-                f"{self._actions.n}: make them equal."
-            )
         observation, info = self.env.reset(seed=seed, options=options)
         frames = self._checked(observation)
         if (frames != frames[-1]).any():

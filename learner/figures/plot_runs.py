@@ -107,10 +107,10 @@ def _how_far(path: Path) -> str:
     """Returns how far the run in the folder ``path`` is on its way to the end of its first epoch;
     nothing if that is unknown, as for a CSV file alone."""
     with suppress(InputError):  # a copy may have a name that no run could have
-        run = RunFolder.at(path.resolve())
-        config = None if run is None else run.stored_config()
-        steps = (_json(path / "summary.json") or {}).get("agent_steps")
-        if config is not None and isinstance(steps, int):
+        if (run := RunFolder.at(path)) is None or (config := run.stored_config()) is None:
+            return ""
+        steps = (_json(run.summary) or {}).get("agent_steps")
+        if isinstance(steps, int):
             whole = config.replay.learning_starts + config.protocol.epoch_steps
             return f" ({steps:,} of {whole:,} steps)"
     return ""

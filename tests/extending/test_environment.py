@@ -151,11 +151,9 @@ class Wrong(gymnasium.Wrapper[Any, Any, Any, Any]):
 )
 def test_what_the_replay_would_store_otherwise_is_refused(wrong: str, sentence: str) -> None:
     entry = Environment("wrong", lambda config, *_, **__: Wrong(config.play, wrong), lambda _: 3)
-    with added(ENVIRONMENTS, entry):
-        env = make_env(replace(CONFIG, env="wrong"), training=True)
-        steps = play([env], Policy(QNetwork(3), 3, np.random.default_rng(1)), [1])
-        with pytest.raises(InputError) as error:
-            next(steps)
+    policy = Policy(QNetwork(3), 3, np.random.default_rng(1))
+    with added(ENVIRONMENTS, entry), pytest.raises(InputError) as error:
+        next(play([make_env(replace(CONFIG, env="wrong"), training=True)], policy, [1]))
     assert str(error.value).startswith(f"the environment wrong {sentence}")
 
 
