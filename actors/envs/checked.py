@@ -30,10 +30,11 @@ class CheckedEnv(gymnasium.Wrapper[Any, Any, Any, Any]):
         self._width = config.vector_width
         self._frames: NDArray[np.uint8]
         actions = gymnasium.spaces.Discrete(config.action_count)
-        if env.action_space != actions:
+        found = getattr(env, "action_space", None)  # Gymnasium declares it and sets none
+        if found != actions:
             raise InputError(
-                f"{self._name} has the actions {env.action_space}, and its entry says "
-                f"{actions.n}: make them equal."
+                f"{self._name} has the actions {found}, and its entry says {actions.n}: make them "
+                "equal."
             )
 
     def reset(

@@ -119,6 +119,8 @@ class Wrong(gymnasium.Wrapper[Any, Any, Any, Any]):
         self._wrong = wrong
         if wrong == "actions":
             self.action_space = gymnasium.spaces.Discrete(4)
+        if wrong == "no actions":
+            del self.unwrapped.action_space
 
     def reset(self, **how: Any) -> tuple[Any, dict[str, Any]]:
         frames, info = self.env.reset(**how)
@@ -142,6 +144,7 @@ class Wrong(gymnasium.Wrapper[Any, Any, Any, Any]):
     ("wrong", "sentence"),
     [
         ("actions", "has the actions Discrete(4), and its entry says 3: make them equal."),
+        ("no actions", "has the actions None, and its entry says 3: make them equal."),
         ("first frames", "begins an episode with frames that differ: repeat the first one, as"),
         ("older frames", "changes older frames of a state: keep them and append the new one, as"),
         ("type", "gives frames float64 [4, 84, 84]: give uint8 [4, 84, 84]."),

@@ -4,7 +4,6 @@ import threading
 from pathlib import Path
 
 import cv2
-import gymnasium
 import numpy as np
 import pytest
 
@@ -13,6 +12,7 @@ from common.process.command_line import parse
 from common.registry import ENVIRONMENTS, Environment
 from common.run.conditions import PERFECT_CAMERA, CameraConfig, Conditions, PlayConfig
 from common.run.ranges import RandomiseConfig, all_ranges
+from tests.actors.numbered_env import GOES_ON, NumberedEnv
 from tests.extending.whole_run import added
 from viewer.__main__ import COMMANDS
 from viewer.draws import Draws, sheet, told
@@ -49,7 +49,7 @@ def test_what_cannot_be_drawn_or_written_is_refused_before_the_games(tmp_path: P
 
 
 def test_an_environment_that_cannot_be_shown_is_refused(tmp_path: Path) -> None:
-    other = Environment("other", lambda *_, **__: gymnasium.Env(), lambda _: 3)
+    other = Environment("other", lambda *_, **__: NumberedEnv(GOES_ON), lambda _: 6)
     with added(ENVIRONMENTS, other), pytest.raises(InputError, match="not other: "):
         Draws(env="other", output=tmp_path / "d.png").run(threading.Event())
 

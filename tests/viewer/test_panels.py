@@ -5,7 +5,6 @@ from contextlib import closing
 from dataclasses import replace
 
 import cv2
-import gymnasium
 import numpy as np
 import pytest
 
@@ -19,6 +18,7 @@ from common.actions import Keys
 from common.errors import InputError
 from common.registry import ENVIRONMENTS, Environment
 from common.run.presets import PRESETS
+from tests.actors.numbered_env import GOES_ON, NumberedEnv
 from tests.extending.whole_run import added
 from viewer import overlay
 from viewer import panels as panels_module
@@ -122,7 +122,7 @@ def test_two_panels_for_an_emulator() -> None:
 
 
 def test_other_environments_are_refused() -> None:
-    other = Environment("other", lambda *_, **__: gymnasium.Env(), lambda _: 3)
+    other = Environment("other", lambda *_, **__: NumberedEnv(GOES_ON), lambda _: 6)
     with (
         added(ENVIRONMENTS, other),
         pytest.raises(InputError, match="choose another --env"),
