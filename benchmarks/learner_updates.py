@@ -27,6 +27,7 @@ from benchmarks.replay import draw
 from benchmarks.report import BenchmarkOptions, Report, Table, main
 from common.checked import FromOne
 from common.network import build_network
+from common.process.allocator import keep_large_blocks
 from common.run.config import RunConfig
 from common.run.presets import PRESETS
 from learner.algorithm.interface import Algorithm, DeviceBatch, build_algorithm
@@ -119,10 +120,10 @@ def time_settings(options: Options, device: torch.device) -> list[dict[str, Any]
     ]
 
 
-def time_kinds(options: Options) -> list[dict[str, Any]]:
-    """Returns a row for each kind of work in a bfloat16 update on one thread, and for the rest."""
+def time_kinds(options: Options, *, bfloat16: bool) -> list[dict[str, Any]]:
+    """Returns a row for each kind of work in an update on one thread, and for the rest."""
     torch.set_num_threads(1)
-    batch, algorithm = noise_batch(options.batch_size, _CPU), algorithm_of(bfloat16=True)
+    batch, algorithm = noise_batch(options.batch_size, _CPU), algorithm_of(bfloat16)
     for _ in range(options.turn):
         algorithm.update(algorithm.prepare(batch))
     with profile(activities=[ProfilerActivity.CPU]) as profiled:
@@ -130,7 +131,7 @@ def time_kinds(options: Options) -> list[dict[str, Any]]:
             algorithm.update(algorithm.prepare(batch))
     spent = {each.key: each.self_cpu_time_total for each in profiled.key_averages()}
     kinds = {kind: sum(spent.get(name, 0.0) for name in names) for kind, names in _KINDS.items()}
-    kinds["the rest, each below a millisecond"] = sum(spent.values()) - sum(kinds.values())
+    kinds["the rest"] = sum(spent.values()) - sum(kinds.values())
     return [
         {"work": kind, "ms": each / _PROFILED / 1e3, "share": each / sum(spent.values())}
         for kind, each in kinds.items()
@@ -170,13 +171,16 @@ def compare_precisions(updates: int, device: torch.device) -> list[dict[str, Any
 
 
 def measure(options: Options) -> Report:
-    device = choose_device(options.device, "auto").torch
+    keep_large_blocks()  # as a learner does
+    chosen = choose_device(options.device, "auto")
+    device = chosen.torch
     updates = options.rounds * options.turn
     title = f"Double DQN update, batch {options.batch_size}, 84×84×4, {updates} updates each"
     tables = {"rows": Table(title, time_settings(options, device))}
     if device.type == "cpu":
-        kinds = "The same in bfloat16 on one thread, by kind of work"
-        tables["kinds"] = Table(kinds, time_kinds(options))
+        precision = "bfloat16" if chosen.bfloat16 else "float32"
+        kinds = f"The same in {precision} on one thread, by kind of work"
+        tables["kinds"] = Table(kinds, time_kinds(options, bfloat16=chosen.bfloat16))
     if options.compared:
         precisions = "bfloat16 against float32, the same minibatches of real frames"
         tables["precisions"] = Table(precisions, compare_precisions(options.compared, device))

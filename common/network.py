@@ -103,8 +103,11 @@ class QNetwork(nn.Module):
             frames: ``uint8 [batch, frame_stack, height, width]``.
             dtype: type of the result; even bfloat16 represents its values, -255 to 255, exactly.
         """
-        # In two steps: one call would take PyTorch's slow path, twice as long.
-        pixels = frames.to(dtype).contiguous(memory_format=torch.channels_last)
+        pixels = torch.empty_like(frames, dtype=dtype, memory_format=torch.channels_last)
+        # One frame at a time: PyTorch's conversion of all with a change of layout takes twice as
+        # long (benchmarks/LOG.md).
+        for converted, original in zip(pixels.unbind(1), frames.unbind(1), strict=True):
+            converted.copy_(original)
         whole = pixels  # the frames that are not differences
         if self._frame_differences:
             # In place and newest first, or each would be a difference of differences.
