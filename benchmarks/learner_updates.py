@@ -2,6 +2,7 @@
 
 * Time by threads and precision; the settings take turns, a few updates each.
 * Time by kind of work, from PyTorch's profiler; on the CPU only.
+* Time by layer, each alone, beside the best rate of the processor; on the CPU only.
 * bfloat16 against float32: two learners learn from the same minibatches, whose frames come from
   random play in the emulator.
 """
@@ -20,6 +21,7 @@ from annotated_types import Ge
 from torch.profiler import ProfilerActivity, profile
 
 from benchmarks.child import scratch
+from benchmarks.layers import layers_of, time_layers
 from benchmarks.pace import in_turns
 from benchmarks.peer_update import noise_batch
 from benchmarks.random_play import random_play
@@ -181,6 +183,13 @@ def measure(options: Options) -> Report:
         precision = "bfloat16" if chosen.bfloat16 else "float32"
         kinds = f"The same in {precision} on one thread, by kind of work"
         tables["kinds"] = Table(kinds, time_kinds(options, bfloat16=chosen.bfloat16))
+        network = build_network(_CONFIG, _ACTIONS)
+        dtype = torch.bfloat16 if chosen.bfloat16 else torch.float32
+        alone = list(layers_of(network, options.batch_size, dtype))
+        tables["layers"] = Table(
+            f"Multiplications of its layers, each alone, in {precision} on one thread",
+            time_layers(alone, updates),
+        )
     if options.compared:
         precisions = "bfloat16 against float32, the same minibatches of real frames"
         tables["precisions"] = Table(precisions, compare_precisions(options.compared, device))
