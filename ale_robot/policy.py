@@ -88,7 +88,7 @@ def evaluate(
     options.check()
     found = offline.evaluate(
         options,
-        replace(trained.fixed, seed=seed),
+        replace(trained.for_play, seed=seed),
         trained,
         ClockConfig(),
         threading.Event(),

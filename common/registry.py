@@ -1,4 +1,4 @@
-"""Environments, robots and algorithms, by the names that a run's configuration uses.
+"""Environments, robots, algorithms and samplers, by the names that a run's configuration uses.
 
 Learner and replay need only an environment's number of actions and the width of its vector
 observation; actors load the rest. Actors need only the network of an algorithm. So an entry holds
@@ -87,6 +87,17 @@ class AlgorithmKind(Entry):
     """Fields of `LearningConfig` that have no effect with it."""
 
 
+@dataclass(frozen=True)
+class SamplerKind(Entry):
+    """A sampler: ``factory(capacity: int, ids: NDArray[np.int64], leaves: NDArray[np.float64],
+    config: ReplayConfig)`` returns the `replay.samplers.UniformSampler`, or one of a subclass, that
+    draws from ``ids``."""
+
+    prioritised: bool = False
+    """Whether the learner tells it the priorities of what it drew. ``leaves``, otherwise empty, is
+    then a number for each slot, which outlives the process."""
+
+
 def resolve(factory: str | Callable[..., Any]) -> Callable[..., Any]:
     """Returns what ``"module:name"`` stands for, and loads the module; a callable as it is."""
     found: Callable[..., Any] = (
@@ -173,6 +184,12 @@ ALGORITHMS = Registry(
         atoms=lambda learning: learning.quantiles,
         ignores=("loss", "loss_mean_over"),
     ),
+)
+
+SAMPLERS = Registry(
+    "sampler",
+    SamplerKind("uniform", "replay.samplers:UniformSampler.of_run"),
+    SamplerKind("prioritised", "replay.samplers:PrioritisedSampler.of_run", prioritised=True),
 )
 
 ENVIRONMENTS = Registry(

@@ -214,7 +214,7 @@ def stored_config(options: LearnerOptions) -> RunConfig | None:
     """Returns the settings of the run to resume or the network to evaluate; None for neither."""
     if options.evaluation.evaluate is not None:
         trained = origin_of(options.evaluation.evaluate)
-        return trained and trained.fixed
+        return trained and trained.for_play
     if options.resume:
         return RunFolder(options.runs, run_name(options)).stored_config()
     return None

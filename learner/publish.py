@@ -104,7 +104,7 @@ def publish(options: Options, stop: threading.Event) -> dict[str, Any]:
     _write(options.output, card)
     asked = EvaluationOptions(evaluate=weights, headline=True, games=options.games)
     asked.check()
-    scores = evaluate(asked, config.fixed, config.fixed, ClockConfig(), stop)
+    scores = evaluate(asked, config.for_play, config.for_play, ClockConfig(), stop)
     if scores is None:
         raise InputError("the evaluation was stopped, so the card has no scores: publish again.")
     card["evaluation"] = scores | {"weights": weights.stem}  # without the path on this machine

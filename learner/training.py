@@ -16,6 +16,7 @@ from common.metrics import Value
 from common.process.supervisor import Supervisor
 from common.protocol.run_status import HealthCheck
 from common.protocol.weights import encode_weights
+from common.registry import SAMPLERS
 from common.run.config import RunConfig
 from common.schedule import Every
 from learner.algorithm.interface import Algorithm
@@ -125,7 +126,7 @@ class Learner:
         self.telemetry.update(batch.prepared.batch, result)
         updates, schedule = self.phases.updates, self.config.learning
         self.losses.add(updates, batch.ids, result)
-        if self.config.replay.sampler == "prioritised":
+        if SAMPLERS.find(self.config.replay.sampler).prioritised:
             self.losses.check()
             if not self.losses.was_skipped(updates):
                 self.replay.update_priorities(batch.ids, result.priorities.cpu().numpy())

@@ -1,8 +1,11 @@
 """Samplers: the steps that may be drawn, and the probability of each."""
 
+from typing import Self
+
 import numpy as np
 from numpy.typing import NDArray
 
+from common.run.config import ReplayConfig
 from replay.sum_tree import SumTree
 
 _SMALLEST = 1e-6  # a step with priority 0 would never be drawn, so never corrected, again
@@ -24,6 +27,13 @@ class UniformSampler:
         self._ids = np.zeros(capacity, np.int64)
         self._places = np.full(capacity, -1, np.int32)
         UniformSampler.add(self, ids)
+
+    @classmethod
+    def of_run(
+        cls, capacity: int, ids: Ids, leaves: NDArray[np.float64], config: ReplayConfig
+    ) -> Self:
+        """See `common.registry.SamplerKind`."""
+        return cls(capacity, ids)
 
     def __len__(self) -> int:
         return self._count
@@ -86,6 +96,12 @@ class PrioritisedSampler(UniformSampler):
         leaves[:] = 0.0
         leaves[ids % capacity] = np.where(usable, values, self._largest)
         self._tree = SumTree(leaves)
+
+    @classmethod
+    def of_run(
+        cls, capacity: int, ids: Ids, leaves: NDArray[np.float64], config: ReplayConfig
+    ) -> Self:
+        return cls(capacity, ids, leaves, config.priority_exponent, config.importance_exponent)
 
     def add(self, ids: Ids) -> None:
         """See `UniformSampler.add`. New ids get the largest value so far, so each is drawn soon."""

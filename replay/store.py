@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from common.errors import MessageError
 from common.protocol.chunk import Chunk
+from common.registry import SAMPLERS, resolve
 from common.run.config import RunConfig
 from common.run.folder import JOURNAL
 from replay.chunk_index import ChunkKey, chunk_entry, tail_entry
@@ -28,7 +29,7 @@ from replay.curriculum import curriculum_steps
 from replay.journal import Entry, Journal
 from replay.recovery import header_of, read_index, restore
 from replay.ring import Placement, Ring
-from replay.samplers import PrioritisedSampler, UniformSampler
+from replay.samplers import UniformSampler
 from replay.sum_tree import padded
 
 _SPARE_BYTES = 60_000
@@ -53,22 +54,19 @@ class Store:
         self.index, known = read_index(path, config)
         self.uuid = known or uuid.uuid4().hex
         """Identity of this ring, which is made with it."""
-        prioritised = config.replay.sampler == "prioritised"
+        kind = SAMPLERS.find(config.replay.sampler)
         self.columns = Columns(
             folder,
             config.replay.capacity,
             config.vector_width,
-            priority_slots=padded(config.replay.capacity) if prioritised else 0,
+            priority_slots=padded(config.replay.capacity) if kind.prioritised else 0,
             existing=path.exists(),
         )
         self.ring = Ring(self.columns, config)
         ids, capacity = restore(self.ring, self.index, folder), config.replay.capacity
-        if prioritised:
-            exponents = config.replay.priority_exponent, config.replay.importance_exponent
-            leaves = self.columns.priorities
-            self.sampler: UniformSampler = PrioritisedSampler(capacity, ids, leaves, *exponents)
-        else:
-            self.sampler = UniformSampler(capacity, ids)
+        self.sampler: UniformSampler = resolve(kind.factory)(
+            capacity, ids, self.columns.priorities, config.replay
+        )
         self._journal = Journal(path, self._entries())
         self._compacted_size = self._journal.size
 

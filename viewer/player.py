@@ -94,7 +94,7 @@ class Played:
             env_settings=ENVIRONMENT.going_on(flat(config), given),
         )
         config = replace(
-            config.fixed,
+            config.for_play,
             env=self.env or config.env,
             game=self.game or config.game,
             seed=config.seed if self.seed is None else self.seed,

@@ -51,8 +51,12 @@ class ReplayConfig:
     learning_starts: Count = 50_000
     """Number of random agent steps before the first update; they also give the baseline of the
     random policy."""
-    sampler: Literal["uniform", "prioritised"] = "uniform"
-    """Sampler: uniform, or prioritised, in proportion to each step's last TD error."""
+    sampler: str = "uniform"
+    """Sampler: 'uniform'; 'prioritised', in proportion to each step's last TD error; or a
+    registered one."""
+    sampler_settings: LongText = ""
+    """Settings that a registered sampler declares for itself, such as 'newest=0.5'; the help of all
+    flags lists them beside --replay.sampler NAME."""
     priority_exponent: Fraction = 0.6
     """α of prioritised replay (Schaul et al. 2016, equation 1)."""
     importance_exponent: Fraction = 0.4
@@ -233,10 +237,12 @@ class RunConfig:
         return ENVIRONMENTS.find(self.env).actions(self)
 
     @property
-    def fixed(self) -> "RunConfig":
-        """The same configuration without ranges: every game has the conditions of `play` and
-        `camera`."""
-        return dataclasses.replace(self, randomise=RandomiseConfig())
+    def for_play(self) -> "RunConfig":
+        """The settings for playing what a run has learned: without ranges, so that every game has
+        the conditions of `play` and `camera`, and without the sampler, whose package is not
+        needed."""
+        replay = replace(self.replay, sampler=ReplayConfig.sampler, sampler_settings="")
+        return replace(self, randomise=RandomiseConfig(), replay=replay)
 
     def epsilon_at(self, agent_steps: int) -> float:
         """Returns ε after ``agent_steps`` of all actors, including those before learning starts."""
@@ -259,7 +265,7 @@ class RunConfig:
 
     def in_full(self) -> "RunConfig":
         """Returns the settings with the values of all that extensions declare for themselves."""
-        texts: dict[str, dict[str, str]] = {"play": {}, "learning": {}}
+        texts: dict[str, dict[str, str]] = {"play": {}, "learning": {}, "replay": {}}
         for entry, name, text in self._own_settings():
             group, field = name.split(".")
             texts[group][field] = in_full(entry, text)
@@ -267,11 +273,12 @@ class RunConfig:
             self,
             play=replace(self.play, **texts["play"]),  # type: ignore[arg-type]
             learning=replace(self.learning, **texts["learning"]),  # type: ignore[arg-type]
+            replay=replace(self.replay, **texts["replay"]),  # type: ignore[arg-type]
         )
 
     def _own_settings(self) -> Iterator[tuple[Entry, str, str]]:
-        """Yields environment, robot and algorithm, each with the name and the text of its own
-        settings. Without a robot, the robot of the settings may be unknown here."""
+        """Yields environment, robot, algorithm and sampler, each with the name and the text of its
+        own settings. Without a robot, the robot of the settings may be unknown here."""
         for name, where, registry in EXTENSIONS:
             text = attrgetter(where)(self)
             if name == "play.robot" and not (text or ENVIRONMENTS.find(self.env).robot):

@@ -1,4 +1,4 @@
-"""Settings that an environment, a robot or an algorithm of another package declares for itself.
+"""Settings that an environment, robot, algorithm or sampler of another package declares for itself.
 
 They are a frozen dataclass, with bounds and defaults beside its fields, as in
 `common.run.conditions`. A run's configuration holds them as one text, such as
@@ -13,7 +13,7 @@ from dataclasses import MISSING, asdict, fields
 from typing import Any, Literal, NamedTuple, TypeVar, get_args, get_origin, get_type_hints
 
 from common.errors import InputError, choice
-from common.registry import ALGORITHMS, ENVIRONMENTS, ROBOTS, Entry, Registry
+from common.registry import ALGORITHMS, ENVIRONMENTS, ROBOTS, SAMPLERS, Entry, Registry
 from common.run.stored_config import from_mapping
 
 T = TypeVar("T")
@@ -39,7 +39,8 @@ class Extension(NamedTuple):
 ENVIRONMENT = Extension("env", "play.env_settings", ENVIRONMENTS)
 ROBOT = Extension("play.robot", "play.robot_settings", ROBOTS)
 ALGORITHM = Extension("learning.algorithm", "learning.algorithm_settings", ALGORITHMS)
-EXTENSIONS = (ENVIRONMENT, ROBOT, ALGORITHM)
+SAMPLER = Extension("replay.sampler", "replay.sampler_settings", SAMPLERS)
+EXTENSIONS = (ENVIRONMENT, ROBOT, ALGORITHM, SAMPLER)
 
 
 def own_settings(kind: type[T], text: str, where: str = "") -> T:

@@ -70,7 +70,7 @@ def test_a_policy_plays_from_its_two_files_alone(
     for row in evaluation["rows"]:
         assert row["games"] == len(row["scores"]) == 2
         assert row["steps_of_games"] == [100, 100]  # 400 frames, as the run's games
-    assert Played().config(weights) == CONFIG.fixed
+    assert Played().config(weights) == CONFIG.for_play
     player = ShownPolicy.of_file(CONFIG, weights, 0.0, 1)
     torch.manual_seed(0)
     frames = torch.randint(256, (4, 4, 84, 84), dtype=torch.uint8)

@@ -1,0 +1,75 @@
+"""A sampler of an installed package draws in the replay, and hears of what the learner learned."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.entry_point import add_entry_point
+from common.errors import InputError
+from common.network import build_network
+from common.protocol.weights import encode_weights
+from common.registry import SAMPLERS
+from replay.replay_buffer import ReplayBuffer
+from tests.end_to_end.conftest import SMALL, Stage
+from tests.extending.toy_sampler import NEWEST
+from tests.extending.whole_run import added
+from tests.replay.replay_reference import GOES_ON, Actor, make_config
+from viewer.player import Played
+
+
+def test_it_draws_and_hears_of_priorities_after_a_restart_too(tmp_path: Path) -> None:
+    config = make_config(sampler="newest", sampler_settings="newest=5")
+    with added(SAMPLERS, NEWEST):
+        buffer, rng = ReplayBuffer(config, tmp_path), np.random.default_rng(0)
+        buffer.insert(Actor("a", 4).live([GOES_ON] * 40, rng))
+        drawn = ids_of(buffer)
+        buffer.update_priorities(np.array(sorted(drawn)), np.ones(len(drawn), np.float32))
+        buffer.close()
+        assert len(drawn) == 5
+        again = ReplayBuffer(config, tmp_path)
+        assert ids_of(again) == drawn
+        again.close()
+    counts = np.fromfile(tmp_path / "priorities.bin", np.float64)
+    assert np.flatnonzero(counts).tolist() == sorted(drawn)
+
+
+def test_its_policy_plays_without_its_package(tmp_path: Path) -> None:
+    config = make_config(sampler="newest", sampler_settings="newest=5", learning_starts=20, capacity=200)
+    with pytest.raises(InputError, match=r"^there is no sampler 'newest': choose "):
+        config.check()
+    weights = tmp_path / "w.safetensors"
+    weights.write_bytes(encode_weights(build_network(config, config.action_count), config))
+    assert Played().config(weights) == config.for_play
+
+
+def ids_of(buffer: ReplayBuffer) -> set[int]:
+    """Returns the ids in 20 minibatches."""
+    batches = [buffer.sample(0, 0.0) for _ in range(20)]
+    return {int(each) for batch in batches if batch is not None for each in batch.ids}
+
+
+@pytest.fixture
+def _installed(stage: Stage) -> None:
+    place = "tests.extending.toy_sampler:NEWEST"
+    add_entry_point(stage.folder, "toy-sampler", "sampler", "newest", place)
+
+
+@pytest.mark.usefixtures("_installed")
+def test_a_run_draws_by_it(stage: Stage) -> None:
+    learner = stage.learner(
+        *("--env", "ale", "--replay.sampler", "newest", "--steps", "300", *SMALL),
+        *("--replay.sampler-settings", "newest=50"),
+    )
+    stage.actor("a")
+
+    learner.ends()
+
+    assert stage.summary()["updates"] >= (300 - 200) // 4
+    config = json.loads((stage.run / "config.json").read_text())
+    assert config["replay"]["sampler"] == "newest"
+    assert config["replay"]["sampler_settings"] == "newest=50"
+    counts = np.fromfile(stage.run / "replay" / "priorities.bin", np.float64)
+    assert counts.sum() > 0
+    assert not counts[:100].any()  # older than the newest 50 when learning started
