@@ -32,7 +32,7 @@ from common.transport.endpoint import DEFAULT_ENDPOINT, from_here
 from learner.device import DeviceChoice, PrecisionChoice
 from learner.evaluation.options import EvaluationOptions
 from learner.health_guard import RED_MINUTES, STALL_MINUTES
-from learner.telemetry.sinks.tracker import TrackerName
+from learner.telemetry.sinks.tracker import TRACKERS
 
 MOST_THREADS = 1_024
 
@@ -92,9 +92,9 @@ class LearnerOptions(RunOptions):
     web: str | None = None
     """Address of a web page that shows the run, such as 127.0.0.1:8080; by default there is no
     page."""
-    track: TrackerName | None = None
-    """Experiment tracker that gets curves, histograms and films: 'wandb', 'mlflow' or 'trackio'.
-    Its own settings, such as WANDB_MODE=offline, decide where it keeps them."""
+    track: str | None = None
+    """Experiment tracker that gets curves, histograms and films: 'wandb', 'mlflow', 'trackio' or a
+    registered one. Its own settings, such as WANDB_MODE=offline, decide where it keeps them."""
     gate_minutes: Annotated[float, Gt(0)] = RED_MINUTES
     """Minutes that a health check may be red before the run ends with exit code 3."""
     stall_minutes: Annotated[float, Gt(0), AllowInfNan(True)] = STALL_MINUTES
@@ -154,9 +154,9 @@ class LearnerOptions(RunOptions):
             ("--demonstrations", demonstrations, "record"),
             ("--http", self.http, "ops"),
             ("--web", self.web, "web"),
-            (f"--track {self.track}", self.track, self.track),
+            (f"--track {self.track}", self.track, self.track and TRACKERS.find(self.track).extra),
         ):
-            if given is not None and extra is not None:
+            if given is not None and extra:
                 check_extra(flag, extra)
         folder = RunFolder(self.runs, run_name(self))
         parts: tuple[Part, ...] = ("learner",) if self.connect else ("learner", "replay")

@@ -36,7 +36,9 @@ def test_it_draws_and_hears_of_priorities_after_a_restart_too(tmp_path: Path) ->
 
 
 def test_its_policy_plays_without_its_package(tmp_path: Path) -> None:
-    config = make_config(sampler="newest", sampler_settings="newest=5", learning_starts=20, capacity=200)
+    config = make_config(
+        sampler="newest", sampler_settings="newest=5", learning_starts=20, capacity=200
+    )
     with pytest.raises(InputError, match=r"^there is no sampler 'newest': choose "):
         config.check()
     weights = tmp_path / "w.safetensors"

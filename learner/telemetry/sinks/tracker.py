@@ -16,15 +16,15 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
-from typing import Any, Literal, TypeAlias
+from typing import Any, Protocol
 
 from common.metrics import Value, Values
-from common.process.extras import extra_for
+from common.process.extras import PACKAGES, extra_for
+from common.registry import Entry, Registry, resolve
 from common.schedule import Every, Now
 from learner.telemetry.sinks.curves import FILM, CurvesSink
 from learner.telemetry.snapshot import Histogram
 
-TrackerName = Literal["wandb", "mlflow", "trackio"]
 PROJECT = "ale-robot"
 _STEPS = "agent_steps"
 _TAG = "ale_robot.run"
@@ -47,25 +47,47 @@ class TrackedRun:
     """Settings by names such as ``learning.n_step``."""
 
 
-class WandB:
-    """A run at Weights & Biases; all calls come from one thread.
+class Tracker(Protocol):
+    """A run at an experiment tracker; all calls come from one thread. Whatever it raises ends it
+    with a warning, and the run goes on.
 
     Agent steps may decrease, because a test's figures belong to older weights.
-
-    Args:
-        program: the module ``wandb``.
-        run: the run to begin, or to continue after a restart.
     """
 
-    def __init__(self, program: Any, run: TrackedRun) -> None:
-        self._program = program
-        self._run = program.init(
+    def add(self, points: Mapping[str, float], agent_steps: int) -> None:
+        """Takes a point of each curve."""
+
+    def add_histograms(self, found: Mapping[str, Histogram], agent_steps: int) -> None:
+        """Takes histograms, by name."""
+
+    def add_film(self, file: Path, agent_steps: int) -> None:
+        """Takes a film of the network that had ``agent_steps``; only with ``--films``."""
+
+    def close(self) -> None:
+        """Ends the run there, after all has been added."""
+
+
+@dataclass(frozen=True)
+class TrackerKind(Entry):
+    """A tracker: ``factory(run: TrackedRun)`` begins the run there, or continues it after a
+    restart, and returns the `Tracker`."""
+
+    extra: str = ""
+    """Extra of this project that installs it; another package depends on what it needs."""
+
+
+class WandB:
+    """A run at Weights & Biases."""
+
+    def __init__(self, run: TrackedRun) -> None:
+        self._program: Any = import_module("wandb")
+        self._run = self._program.init(
             project=PROJECT,
             name=run.name,
             id=run.identity,
             resume="allow",
             config=dict(run.settings),
-            settings=program.Settings(silent=True),
+            settings=self._program.Settings(silent=True),
         )
         # Not W&B's own step, which must not decrease.
         self._run.define_metric(_STEPS)
@@ -86,10 +108,10 @@ class WandB:
 
 
 class MLflow:
-    """A run in MLflow, see `WandB`; MLflow keeps histograms and films as files of the run."""
+    """A run in MLflow, which keeps histograms and films as files of the run."""
 
-    def __init__(self, program: Any, run: TrackedRun) -> None:
-        self._program = program
+    def __init__(self, run: TrackedRun) -> None:
+        self._program = program = import_module("mlflow")
         program.set_experiment(PROJECT)
         found = program.search_runs(
             filter_string=f"tags.`{_TAG}` = '{run.identity}'", output_format="list"
@@ -117,9 +139,9 @@ class MLflow:
 class Trackio(WandB):
     """A run in Trackio, which has the functions of Weights & Biases."""
 
-    def __init__(self, program: Any, run: TrackedRun) -> None:
-        self._program = self._run = program
-        program.init(
+    def __init__(self, run: TrackedRun) -> None:
+        self._program = self._run = import_module("trackio")
+        self._program.init(
             project=PROJECT,
             name=f"{run.name}-{run.identity[:8]}",  # Trackio identifies a run by its name alone
             config=dict(run.settings),
@@ -131,31 +153,34 @@ class Trackio(WandB):
         self._run.log(points, step=agent_steps)
 
 
-Tracker: TypeAlias = WandB | MLflow
-TRACKERS: dict[TrackerName, Callable[[Any, TrackedRun], Tracker]] = {
-    "wandb": WandB,
-    "mlflow": MLflow,
-    "trackio": Trackio,
-}
+TRACKERS = Registry(
+    "tracker",
+    TrackerKind("wandb", WandB, extra="wandb"),
+    TrackerKind("mlflow", MLflow, extra="mlflow"),
+    TrackerKind("trackio", Trackio, extra="trackio"),
+)
 
 
 class TrackerSink(CurvesSink):
     """Hands a run's figures to the tracker called ``name``.
 
     Raises:
-        InputError: the tracker is not installed.
+        InputError: there is no such tracker, or it is not installed.
     """
 
-    def __init__(self, name: TrackerName, run: TrackedRun, now: Now = time.monotonic) -> None:
+    def __init__(self, name: str, run: TrackedRun, now: Now = time.monotonic) -> None:
         self._name = name
         self._lost = 0
         self._histograms = Every(_HISTOGRAM_SECONDS, now)
-        with extra_for(f"--track {name}", name):
-            program = import_module(name)
+        kind = TRACKERS.find(name)
+        with extra_for(f"--track {name}", kind.extra):
+            for package in PACKAGES.get(kind.extra, ()):
+                import_module(package)
+            begin = resolve(kind.factory)
         self._waiting = queue.Queue[Callable[[Tracker], object] | None](_MOST_WAITING)
         # A daemon thread, so that a hanging server cannot keep the process alive.
         self._thread = threading.Thread(
-            target=self._work, args=(program, run), name=f"track {name}", daemon=True
+            target=self._work, args=(begin, run), name=f"track {name}", daemon=True
         )
         self._thread.start()
 
@@ -192,9 +217,9 @@ class TrackerSink(CurvesSink):
             if self._lost == 1:
                 _log.warning("--track %s is too slow: it loses points of this run", self._name)
 
-    def _work(self, program: Any, run: TrackedRun) -> None:
+    def _work(self, begin: Callable[[TrackedRun], Tracker], run: TrackedRun) -> None:
         try:
-            tracker = TRACKERS[self._name](program, run)
+            tracker = begin(run)
             while (give := self._waiting.get()) is not None:
                 give(tracker)
             tracker.close()

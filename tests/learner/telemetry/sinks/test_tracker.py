@@ -21,6 +21,7 @@ from common.run.stored_config import flat
 from learner.telemetry.sinks import tracker as module
 from learner.telemetry.sinks.tracker import TrackedRun, TrackerSink
 from learner.telemetry.snapshot import Histogram
+from tests.extending.whole_run import added
 from tests.learner.telemetry.sinks.small_film import write_film
 from tests.learner.telemetry.snapshots import snapshot
 from tests.patience import PATIENCE
@@ -156,6 +157,28 @@ def test_a_tracker_that_is_not_installed_is_told(monkeypatch: pytest.MonkeyPatch
         TrackerSink("wandb", RUN)
 
 
+def test_a_tracker_that_nobody_knows_is_refused() -> None:
+    with pytest.raises(InputError, match=r"^there is no tracker 'wand': did you mean wandb"):
+        TrackerSink("wand", RUN)
+
+
+def test_a_tracker_of_another_package_gets_the_run_in_its_own_thread() -> None:
+    (let_go := threading.Event()).set()
+    program = Program(hangs=let_go)
+    begun: list[TrackedRun] = []
+
+    def begin(run: TrackedRun) -> Program:
+        begun.append(run)
+        return program.begin(run)
+
+    with added(module.TRACKERS, module.TrackerKind("diary", begin)):
+        sink = TrackerSink("diary", RUN)
+        sink.add({"play/test_reward": 1.0}, 1_000)
+        sink.close()
+    assert begun == [RUN]
+    assert (program.points, program.began_on, program.closed) == ([1_000], "track diary", True)
+
+
 class Program:
     """A tracker of the test's own: fails at its second point, or waits there to be let go."""
 
@@ -167,7 +190,7 @@ class Program:
         self.fails_next = False
         self._refuses, self._hangs = refuses, hangs
 
-    def begin(self, module: Any, run: TrackedRun) -> "Program":
+    def begin(self, run: TrackedRun) -> "Program":
         self.began_on = threading.current_thread().name
         if self._refuses:
             raise ConnectionError("log in first")
@@ -193,7 +216,8 @@ def begin(
     monkeypatch: pytest.MonkeyPatch, program: Program, now: Callable[[], float] = time.monotonic
 ) -> TrackerSink:
     monkeypatch.setitem(sys.modules, "wandb", ModuleType("wandb"))
-    monkeypatch.setitem(module.TRACKERS, "wandb", program.begin)
+    kind = module.TrackerKind("wandb", program.begin, extra="wandb")
+    monkeypatch.setitem(module.TRACKERS._entries, "wandb", kind)
     return TrackerSink("wandb", RUN, now)
 
 
