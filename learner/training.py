@@ -72,6 +72,7 @@ class Learner:
     def __post_init__(self) -> None:
         self.failed: str | None = None
         """Why the guard ended the run before its goal."""
+        self._prioritised = SAMPLERS.find(self.config.replay.sampler).prioritised
         self._children: Supervisor | None = None
         self._batches: Prefetcher
         self._replay_progress: Progress
@@ -126,7 +127,7 @@ class Learner:
         self.telemetry.update(batch.prepared.batch, result)
         updates, schedule = self.phases.updates, self.config.learning
         self.losses.add(updates, batch.ids, result)
-        if SAMPLERS.find(self.config.replay.sampler).prioritised:
+        if self._prioritised:
             self.losses.check()
             if not self.losses.was_skipped(updates):
                 self.replay.update_priorities(batch.ids, result.priorities.cpu().numpy())
