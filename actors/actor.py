@@ -35,6 +35,7 @@ class Actor:
         self._counters = ActorCounters(member.name, "actor", member.incarnation)
         self._sync = PolicySync(member, policy)
         self._inserts = InsertClient(member)
+        self._obeyed: Ack | None = None
         self._chunkers = [
             Chunker(
                 *(member.keys.run_id, member.name, member.incarnation, stream),
@@ -60,7 +61,8 @@ class Actor:
                 chunk = self._chunkers[step.stream].add(step)
                 if chunk is not None:
                     self._inserts.send(chunk.encode())
-                    self._obey(self._inserts.last_ack)
+                self._obey(self._inserts.last_ack)
+                if chunk is not None:
                     self._pause_while_throttled(step)
                 if self._member.stop.is_set():
                     break
@@ -68,8 +70,9 @@ class Actor:
             self._leave()
 
     def _obey(self, ack: Ack | None) -> None:
-        """Do what the replay's latest acknowledgement says."""
-        if ack is not None:
+        """Do what the replay's latest acknowledgement says, once."""
+        if ack is not self._obeyed and ack is not None:
+            self._obeyed = ack
             self._member.check_run(ack.run_id)
             self._sync.follow(ack)
             if ack.finished and not self._member.stop.is_set():

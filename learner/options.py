@@ -13,7 +13,7 @@ import tyro
 from annotated_types import Ge, Gt, Le
 from pydantic import AllowInfNan
 
-from common.checked import Amount, Patience
+from common.checked import Amount, Count, Patience
 from common.errors import InputError
 from common.metrics import Value
 from common.process.command_line import RunOptions, WeightsFile, started_by
@@ -54,9 +54,9 @@ class LearnerOptions(RunOptions):
     demonstrations: Annotated[Path | None, tyro.conf.arg(metavar="FOLDER")] = None
     """Recorded games, from `ale-robot record` or `human --record`, with which the replay begins.
     They count as steps of the run."""
-    steps: int | None = None
-    """Agent steps, including the warm-up, after which the run ends: at the first update after them.
-    Steps that actors play until then count too."""
+    steps: Count | None = None
+    """Agent steps, including the warm-up, after which the run ends. Each environment completes the
+    chunk that it plays, so that up to --stream.chunk-steps more of each count too."""
     keep_snapshots: bool = False
     """Keep each epoch's weights in the run's snapshots/ as epoch-0001.safetensors and so on, 1 to 7
     MB each; a resumed run goes on keeping them. epochs.csv has their wall clock and steps."""

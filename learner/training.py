@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any, TypeVar
 
+from common.checked import MAX_COUNT
 from common.errors import InputError
 from common.metrics import Value
 from common.process.supervisor import Supervisor
@@ -143,7 +144,7 @@ class Learner:
         self._count_chunks()
         self._take_tests()
         if self._children is not None:
-            for note in self._children.watch(finished=self._finished):
+            for note in self._children.watch(finished=self._has_finished):
                 self.telemetry.note(note)
         if self._measure_schedule.is_due():
             self.held_out.measure()
@@ -225,7 +226,7 @@ class Learner:
         """Counts the chunks that actors have sent since the last look."""
         while True:
             self._replay_progress = self.replay.progress(
-                self.phases.chunks_seen, finished=self._finished
+                self.phases.chunks_seen, goal=self.steps_goal or MAX_COUNT
             )
             told, seen = self._replay_progress, self.phases.chunks_seen
             new = [chunk for chunk in told.statistics if chunk.index >= seen]
@@ -236,6 +237,13 @@ class Learner:
                     self._end_phase()
             if not new or new[-1].index + 1 >= told.accepted:
                 return
+
+    def _has_finished(self) -> bool:
+        """Whether all steps have been played by now. Actors hear of that from the replay, and may
+        leave before the next look."""
+        if not self._finished:
+            self._count_chunks()
+        return self._finished
 
     def _ask_replay(self) -> None:
         """Asks for the replay's counters once more, unless it is away."""

@@ -122,12 +122,12 @@ class RemoteReplay:
         held = _decoded(HeldOutStates, self._insist(self._held_out, request))
         return held.frames, held.vectors
 
-    def progress(self, since: int, *, finished: bool | None = None) -> Progress:
+    def progress(self, since: int, *, goal: int | None = None) -> Progress:
         """See `Replay.progress`; works after `close` too, unless the server is away. Raises
         InputError if `close` was called while the server was away, or if it now serves another
         run."""
         requester = self._last if self._closed.is_set() else self._progress
-        request = ProgressRequest(since, finished).encode()
+        request = ProgressRequest(since, goal).encode()
         found = _decoded(Progress, self._insist(requester, request))
         if found.run_id != self.run_id:
             raise InputError(

@@ -42,11 +42,11 @@ class Replay(Protocol):
             newest: number of the ring's newest frames from which to choose; None for all.
         """
 
-    def progress(self, since: int, *, finished: bool | None = None) -> Progress:
+    def progress(self, since: int, *, goal: int | None = None) -> Progress:
         """Returns the replay's counters, and the statistics of chunks from index ``since`` on.
 
-        ``finished`` sets whether the run is over, which acknowledgements tell the actors; it stays
-        until it is set again. None changes nothing.
+        ``goal`` sets the number of agent steps with which the run is over, which acknowledgements
+        then tell the actors; it stays until it is set again. None changes nothing.
         """
 
     def drain(self) -> None:

@@ -55,7 +55,7 @@ class ProgressRequest(Message):
     """See `replay.interface.Replay.progress`."""
 
     since: Count
-    finished: bool | None
+    goal: Count | None
     durable: bool = False
     """See `replay.interface.Replay.sync`."""
     drain: bool = False

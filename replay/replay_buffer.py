@@ -15,6 +15,7 @@ from typing import Any, Literal, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from common.checked import MAX_COUNT
 from common.errors import MessageError
 from common.process.footprint import footprint
 from common.protocol.ack import Ack
@@ -60,7 +61,7 @@ class ReplayBuffer:
         # A different sequence after each start, or a resumed run would repeat the same draws.
         self._rng = np.random.default_rng([config.seed, self._store.index.accepted])
         self._closed = False
-        self._finished = False
+        self._goal = MAX_COUNT
         self._drains = False
         self._drawn = 0
 
@@ -88,6 +89,8 @@ class ReplayBuffer:
             throttle = self._should_throttle()
             if new:
                 self._turns.charge(chunk.actor, len(chunk), still_open=not throttle)
+            if self._finished:
+                self.released()
             return self.ack("stored" if new else "duplicate", throttle)
 
     def refuse(self) -> None:
@@ -119,6 +122,10 @@ class ReplayBuffer:
             weights_version=self.weights_version,
             run_id=self.run_id,
         )
+
+    @property
+    def _finished(self) -> bool:
+        return self._store.index.agent_steps >= self._goal
 
     def _should_throttle(self) -> bool:
         return self._limiter.should_throttle(self._store.index.agent_steps, self._drawn)
@@ -204,12 +211,12 @@ class ReplayBuffer:
 
         return self._gather(choose, lambda ids: ring.states(ids[ring.all_seen(ids)][:count]))
 
-    def progress(self, since: int, *, finished: bool | None = None) -> Progress:
+    def progress(self, since: int, *, goal: int | None = None) -> Progress:
         resident, private = footprint()
         file_bytes = self._store.columns.file_bytes  # without the lock, as the disk may be slow
         with self._state:
-            if finished is not None and finished != self._finished:
-                self._finished = finished
+            if goal is not None and goal != self._goal:
+                self._goal = goal
                 self.released()
             index = self._store.index
             return Progress(

@@ -201,7 +201,7 @@ class ReplayServer(AbstractContextManager["ReplayServer"]):
             self._buffer.sync()
         if asked.drain:
             self._buffer.drain()
-        return self._buffer.progress(asked.since, finished=asked.finished).encode()
+        return self._buffer.progress(asked.since, goal=asked.goal).encode()
 
     def _weights_asked(self, _: Request) -> Envelope:
         if self._weights is None:

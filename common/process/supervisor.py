@@ -150,7 +150,7 @@ class Supervisor:
         """Time at which each child that waits is restarted."""
         self._leaving = False
 
-    def watch(self, *, finished: bool) -> list[str]:
+    def watch(self, *, finished: Callable[[], bool]) -> list[str]:
         """Restart children that have ended and paused; returns what happened, as sentences.
 
         The first restart is immediate; later ones come 1, 2, 4 … 60 s after the end. This method
@@ -158,12 +158,13 @@ class Supervisor:
         child cannot start at all.
 
         Args:
-            finished: whether the work is finished, so that children end by themselves.
+            finished: tells whether the work is finished, so that children end by themselves; it is
+                asked after an end is found, so that none comes before its reason.
         """
         notes = []
         for name, child in self._children.items():
             now, status = self.now(), child.poll()
-            if status == 0 and finished:
+            if status == 0 and finished():
                 self._due.pop(name, None)
                 continue
             if name in self._due:

@@ -83,7 +83,7 @@ class Stage:
         member = Member(
             *("a", self._client, KEYS, self.config, 300.0, self.stop, 17, self.warnings.append)
         )
-        actor = Actor(member, envs, self.policy)
+        self.actor = actor = Actor(member, envs, self.policy)
         seeds = list(range(len(envs)))
 
         def work() -> None:
@@ -216,6 +216,20 @@ def test_a_finished_run_ends_it_even_in_a_pause(stage: Stage) -> None:
     stage.ended()
     assert stage.farewell().leaving
     assert stage.warnings.count("a: the run is finished.") == 1
+
+
+def test_a_run_that_ends_while_it_plays_is_left_before_the_next_chunk(stage: Stage) -> None:
+    class Slow(NumberedEnv):
+        def step(self, action: np.int64 | int) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+            if len(self.moments) == CONFIG.stream.chunk_steps:
+                wait_until(lambda: stage.actor._inserts.acked, "the first chunk is acknowledged")
+            return super().step(action)
+
+    env = Slow([GOES_ON])
+    stage.replay.limit = 1
+    stage.start(env)
+    stage.ended()
+    assert len(env.moments) <= CONFIG.stream.chunk_steps + 1
 
 
 def test_a_run_that_is_over_is_left_after_one_step(stage: Stage) -> None:

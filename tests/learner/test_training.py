@@ -18,6 +18,7 @@ import pytest
 import torch
 from safetensors.torch import load
 
+from common.checked import MAX_COUNT
 from common.errors import InputError
 from common.metrics import Values
 from common.protocol.actor_stats import ActorStats
@@ -80,7 +81,8 @@ class World:
     """Chunks that the replay tells at a time."""
     lost: int = 0
     """Steps that the replay has lost."""
-    told_finished: list[bool] = field(default_factory=list)
+    goals: set[int | None] = field(default_factory=set)
+    """What the replay was told of the run's end."""
     loss: Callable[[int], float] = lambda _: 0.5
     log_syncs: bool = False
     spoils: bool = True
@@ -163,9 +165,8 @@ class World:
     def close(self) -> None:
         self.log.append("minibatches end")
 
-    def replay_progress(self, since: int, *, finished: bool | None = None) -> Progress:
-        if finished is not None:
-            self.told_finished.append(finished)
+    def replay_progress(self, since: int, *, goal: int | None = None) -> Progress:
+        self.goals.add(goal)
         known = self.agent_steps - self.lost
         # One that is counted already is told again: each counts once all the same.
         begin = max(since - 1, 0)
@@ -659,8 +660,32 @@ def test_a_goal_is_reached_when_all_updates_it_calls_for_are_made() -> None:
     learner = run(world, steps_goal=900)
     assert world.updates == (900 - 100) // 4
     assert learner.done
-    assert world.told_finished[0] is False
-    assert world.told_finished[-1] is True
+    assert world.goals == {None, 900}
+
+
+def test_a_run_without_a_goal_takes_that_of_an_earlier_learner_back() -> None:
+    world = World()
+    world.stops_at(3)
+    run(world)
+    assert world.goals == {None, MAX_COUNT}
+
+
+def test_actors_that_left_at_the_goal_are_not_ahead_of_the_count() -> None:
+    world = World(last_update=0)
+    found: list[bool] = []
+
+    def watch(*, finished: Callable[[], bool]) -> list[str]:
+        if not found:
+            found.append(finished())
+            world.play(900)  # and they leave, before the learner looks again
+            found.append(finished())
+            world.stop.set()
+        return []
+
+    learner = world.learner(900)
+    learner.start()
+    learner.run(children_of_local_mode(watch=watch))
+    assert found == [False, True]
 
 
 def test_updates_wait_for_the_steps_of_the_goal() -> None:
@@ -853,7 +878,7 @@ def test_a_full_disk_at_the_last_checkpoint_costs_neither_summary_nor_children()
 def test_children_that_cannot_start_end_the_run_with_everything_kept() -> None:
     world = World()
 
-    def watch(*, finished: bool) -> list[str]:
+    def watch(*, finished: Callable[[], bool]) -> list[str]:
         raise InputError("actor-1 cannot start")
 
     learner = world.learner()

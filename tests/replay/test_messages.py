@@ -161,10 +161,10 @@ def test_requests_come_through_whole() -> None:
         SampleRequest(640, 0.5),
         HeldOutRequest(9),
         HeldOutRequest(9, 40),
-        ProgressRequest(3, True),
+        ProgressRequest(3, 640),
     ):
         assert type(request).decode(request.encode()) == request
-    assert ProgressRequest.decode(ProgressRequest(3, None).encode()).finished is None
+    assert ProgressRequest.decode(ProgressRequest(3, None).encode()).goal is None
 
 
 @given(hnp.arrays(np.float32, st.integers(0, 9), elements=st.floats(0, 1, width=32)))

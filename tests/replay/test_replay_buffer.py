@@ -13,6 +13,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from common.checked import MAX_COUNT
 from common.errors import InputError, MessageError
 from common.protocol.chunk import Chunk, Game
 from common.run.config import RunConfig
@@ -238,7 +239,7 @@ def test_a_held_actor_and_a_waiting_learner_are_woken(tmp_path: Path) -> None:
     assert [(ack.throttle, ack.finished) for ack in found[1:]] == [(False, False)]
     buffer.sample(201, 0.0)  # it is open already
     assert buffer.insert(actor.live([GOES_ON] * 30, rng)).throttle
-    buffer.progress(0, finished=True)
+    buffer.progress(0, goal=60)
     assert [(ack.throttle, ack.finished) for ack in found[2:]] == [(True, True)]
     buffer.released = lambda: None
     assert buffer.insert(actor.live([GOES_ON], rng)).finished
@@ -251,12 +252,23 @@ def test_a_held_actor_and_a_waiting_learner_are_woken(tmp_path: Path) -> None:
 
 def test_that_the_run_is_over_holds_until_it_is_taken_back(tmp_path: Path) -> None:
     buffer = long_run(make_config(), tmp_path, 4)
-    buffer.progress(0, finished=True)
+    buffer.progress(0, goal=buffer.progress(0).agent_steps)
     buffer.progress(0)
     buffer.sample(0, 0.0)
     assert buffer.poll("a").finished
-    buffer.progress(0, finished=False)
+    buffer.progress(0, goal=MAX_COUNT)
     assert not buffer.poll("a").finished
+
+
+def test_the_chunk_that_reaches_the_goal_tells_it_to_all(tmp_path: Path) -> None:
+    buffer = ReplayBuffer(make_config(learning_starts=8, ratio_tolerance=0), tmp_path)
+    actor, rng, told = Actor("a", 4), np.random.default_rng(0), []
+    buffer.progress(0, goal=16)
+    buffer.released = lambda: told.append(buffer.poll("held").finished)
+    assert [buffer.insert(actor.live([GOES_ON] * 5, rng)).finished for _ in range(3)] == [False] * 3
+    assert told == []
+    assert buffer.insert(actor.live([GOES_ON], rng)).finished
+    assert told == [True]
 
 
 def test_statistics_tell_what_each_chunk_was(tmp_path: Path) -> None:

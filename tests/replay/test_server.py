@@ -106,7 +106,7 @@ def test_what_is_inserted_is_acknowledged_drawn_and_counted(place: Place) -> Non
     progress = place.remote.progress(0)
     assert (progress.accepted, progress.duplicates, progress.refused) == (1, 1, 0)
     assert progress.statistics == place.buffer.progress(0).statistics
-    assert place.remote.progress(1, finished=True).statistics == ()
+    assert place.remote.progress(1, goal=22).statistics == ()
     assert insert(place.client, actor.live([GOES_ON], rng)).finished
 
 

@@ -114,7 +114,7 @@ def started(
 def notes_of(children: Supervisor, *, finished: bool = False) -> list[str]:
     """What is noted once the actor has ended."""
     children._children["actor-1"].wait(PATIENCE)
-    return children.watch(finished=finished)
+    return children.watch(finished=lambda: finished)
 
 
 @pytest.mark.parametrize(
@@ -137,7 +137,7 @@ def test_a_child_that_cannot_start_is_given_up_with_its_last_line(
     assert notes_of(children) == [f"actor-1 ended by {why}, started again"]
     assert notes_of(children) == [f"actor-1 ended by {why}, next try in 1 s"]
     clock.now += 1.0
-    assert children.watch(finished=False) == ["actor-1 started again"]
+    assert children.watch(finished=lambda: False) == ["actor-1 started again"]
     with pytest.raises(InputError, match=f"^actor-1 cannot start: .*{how} and said: no room "):
         notes_of(children)
     children.close()
@@ -152,7 +152,7 @@ def test_a_child_that_is_refused_is_given_up_however_slowly_it_starts(
         clock.now += 100.0
         assert notes_of(children)[0].startswith("actor-1 ended by status 2 (not listed), ")
         clock.now += pause
-        children.watch(finished=False)
+        children.watch(finished=lambda: False)
     clock.now += 100.0
     with pytest.raises(InputError, match=r"^actor-1 cannot start: .* and said: not listed "):
         notes_of(children)
@@ -180,9 +180,9 @@ def test_pauses_between_restarts_grow_until_a_child_has_settled(
         clock.now += worked
         assert notes_of(children) == [f"actor-1 ended by status 3, next try in {pause} s"]
         clock.now += pause - 0.1
-        assert children.watch(finished=False) == []
+        assert children.watch(finished=lambda: False) == []
         clock.now += 0.2
-        assert children.watch(finished=False) == ["actor-1 started again"]
+        assert children.watch(finished=lambda: False) == ["actor-1 started again"]
     clock.now += 601.0
     assert notes_of(children) == ["actor-1 ended by status 3, started again"]
     clock.now += worked
@@ -203,7 +203,7 @@ def test_a_child_that_pauses_is_on_its_way_unless_it_was_asked_to_leave(
     children.ask_to_leave()
     assert not children.works("actor")
     clock.now += 1.0
-    assert children.watch(finished=False) == []
+    assert children.watch(finished=lambda: False) == []
     children.close()
 
 
@@ -217,7 +217,7 @@ def test_a_child_that_pauses_when_the_work_is_finished_is_only_started_again_if_
     for _ in range(2):
         notes_of(children)
     clock.now += 1.0
-    assert children.watch(finished=True) == again
+    assert children.watch(finished=lambda: True) == again
     assert again or not children.works("actor")
     children.close()
 
@@ -231,7 +231,7 @@ def test_each_start_has_its_own_time_to_get_to_work(program: Path, tmp_path: Pat
         clock.now += 14.0
         notes_of(children)
         clock.now += pause
-        children.watch(finished=False)
+        children.watch(finished=lambda: False)
     clock.now += 14.0
     with pytest.raises(InputError, match="it ended 3 times"):
         notes_of(children)
