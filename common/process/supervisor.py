@@ -155,7 +155,7 @@ class Supervisor:
 
         The first restart is immediate; later ones come 1, 2, 4 … 60 s after the end. This method
         never waits: a restart happens at the first call after its pause. Raises InputError if a
-        child cannot start at all.
+        child cannot start at all: with its own sentence if it cannot do what was asked.
 
         Args:
             finished: tells whether the work is finished, so that children end by themselves; it is
@@ -176,8 +176,10 @@ class Supervisor:
                 continue
             how = f"signal {-status}" if status < 0 else f"status {status}"
             worked = now - self._started[name]
-            early = worked < _EARLY or status == BAD_INPUT  # however slowly it found out
-            self._early_ends[name] = self._early_ends[name] + 1 if early else 0
+            if status == BAD_INPUT and worked <= SETTLED:  # however slowly it found out
+                said = child.last_line()
+                raise InputError(f"{name} cannot start: {said} (more in {child.log}).")
+            self._early_ends[name] = self._early_ends[name] + 1 if worked < _EARLY else 0
             if self._early_ends[name] >= _MOST_EARLY_ENDS:
                 raise InputError(
                     f"{name} cannot start: it ended {_MOST_EARLY_ENDS} times by {how} and said: "
