@@ -159,6 +159,7 @@ class LearnerOptions(RunOptions):
             if given is not None and extra:
                 check_extra(flag, extra)
         folder = RunFolder(self.runs, run_name(self))
+        folder.check_place()
         parts: tuple[Part, ...] = ("learner",) if self.connect else ("learner", "replay")
         for part in parts:
             folder.check_claim(part, self.config, resume=self.resume)

@@ -5,6 +5,7 @@ import json
 import os
 import shutil
 import struct
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -123,6 +124,13 @@ class RunFolder:
                 f"flags, or begin another run with them: --run ANOTHER{another}, without --resume."
             )
         return stored
+
+    def check_place(self) -> None:
+        """Raises InputError if the folder cannot be made, or nothing can be written into it."""
+        with writing(self.path):
+            there = next(path for path in (self.path, *self.path.parents) if path.exists())
+            with tempfile.TemporaryFile(dir=there):
+                pass
 
     def claim(self, part: Part, config: RunConfig, *, resume: bool) -> None:
         """Claims ``part`` of the run for this process, and settles the run's configuration. Raises

@@ -1,5 +1,7 @@
 """How time passes: what the learner's command line takes, refuses, and tells its actors."""
 
+import errno
+import os
 import shlex
 import sys
 from dataclasses import replace
@@ -12,6 +14,7 @@ from safetensors.numpy import save
 from actors.options import ActorOptions
 from common.errors import InputError
 from common.process.command_line import parse, parse_run
+from common.process.exit_codes import NO_ROOM
 from common.process.log_lines import LOADING
 from common.protocol.weights import encode_weights
 from common.run.clock import ClockConfig
@@ -231,6 +234,37 @@ def test_a_program_says_that_it_starts_once_its_flags_are_known_to_be_right(
     assert said(ImportError, "--steps", "500000") == (f"{LOADING}\n", "")
     # Standard output has only the results.
     assert said(ImportError, *evaluation) == ("", f"{LOADING}\n")
+
+
+@pytest.mark.parametrize("place", ["runs", "runs/r"])
+def test_a_folder_that_cannot_be_made_is_told_before_pytorch_is_loaded(
+    tmp_path: Path,
+    place: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setitem(sys.modules, "learner.process", None)
+    (tmp_path / place).parent.mkdir(exist_ok=True)
+    (tmp_path / place).touch()
+    monkeypatch.setattr(sys, "argv", ["learner", "--run", "r", "--runs", str(tmp_path / "runs")])
+    with pytest.raises(InputError, match=r"runs/r cannot be written \(Not a directory\): name an"):
+        main()
+    assert capsys.readouterr().out == ""
+
+
+def test_a_disk_that_nobody_may_write_to_is_told_and_left_as_it_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refused(*_: object, **where: object) -> None:
+        raise OSError(errno.EROFS, os.strerror(errno.EROFS), str(where["dir"]))
+
+    flags = ("--runs", str(tmp_path / "a" / "runs"), "--run", "r")
+    learner(*flags).check_here()
+    monkeypatch.setattr("tempfile.TemporaryFile", refused)
+    with pytest.raises(InputError, match=r"runs/r cannot be written \(Read-only") as error:
+        learner(*flags).check_here()
+    assert error.value.exit_code == NO_ROOM
+    assert not list(tmp_path.iterdir())
 
 
 def test_what_the_runs_folder_refuses_is_a_line_of_json_too(
