@@ -4,9 +4,8 @@ import time
 from collections.abc import Sequence
 from typing import Any
 
-import gymnasium
-
 from actors.counters import ActorCounters
+from actors.envs.shown_env import ShownEnv
 from actors.loop import Step, play
 from actors.member import Member
 from actors.policy import Policy
@@ -26,9 +25,7 @@ that were lost on the way."""
 class Actor:
     """The work of one actor process, which plays all ``envs`` with one forward pass."""
 
-    def __init__(
-        self, member: Member, envs: Sequence[gymnasium.Env[Any, Any]], policy: Policy
-    ) -> None:
+    def __init__(self, member: Member, envs: Sequence[ShownEnv[Any, Any]], policy: Policy) -> None:
         self._member = member
         self._envs = envs
         self._policy = policy

@@ -3,10 +3,9 @@
 import time
 from typing import Any
 
-import gymnasium
-
 from actors.absence import Absence
 from actors.counters import ActorCounters
+from actors.envs.shown_env import ShownEnv
 from actors.loop import play
 from actors.member import Member
 from actors.policy import Policy
@@ -29,7 +28,7 @@ class Evaluator:
     ``env`` plays whole games, and ``policy`` gets the weights and ε of each job.
     """
 
-    def __init__(self, member: Member, env: gymnasium.Env[Any, Any], policy: Policy) -> None:
+    def __init__(self, member: Member, env: ShownEnv[Any, Any], policy: Policy) -> None:
         self._member = member
         self._env = env
         self._policy = policy

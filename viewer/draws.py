@@ -4,7 +4,7 @@ them."""
 import threading
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import cv2
 import numpy as np
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from actors.envs.game_env import GameEnv
 from actors.envs.robot import RobotEnv
+from actors.envs.shown_env import ShownEnv
 from actors.loop import frames_and_vector
 from actors.vision.layout import border_of
 from common.checked import FromOne
@@ -69,8 +70,7 @@ class Draws(Played):
 
 
 def games(config: RunConfig, count: int, stop: threading.Event) -> list[NDArray[np.uint8]]:
-    """Returns a tile for each of ``count`` games, fewer if ``stop`` is set. Raises InputError if
-    the environment is neither a robot nor an emulator."""
+    """Returns a tile for each of ``count`` games, fewer if ``stop`` is set."""
     tiles: list[NDArray[np.uint8]] = []
     with shown_env(config) as env:
         for number in range(count):
@@ -84,8 +84,9 @@ def games(config: RunConfig, count: int, stop: threading.Event) -> list[NDArray[
     return tiles
 
 
-def tile(env: GameEnv, frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Returns a picture of a game with its conditions below, ``uint8 [rows, columns, 3]``."""
+def tile(env: ShownEnv[Any, Any], frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Returns a picture of a game, ``uint8 [rows, columns, 3]``; below are its conditions, which
+    environments of other packages do not tell."""
     small = cv2.cvtColor(frame, cv2.COLOR_GRAY2RGB)
     if isinstance(env, RobotEnv):
         seen = cv2.resize(env.seen, (_WIDTH, _HEIGHT), interpolation=cv2.INTER_NEAREST)
@@ -99,7 +100,7 @@ def tile(env: GameEnv, frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
         large = cv2.resize(small, (_HEIGHT, _HEIGHT), interpolation=cv2.INTER_NEAREST)
         picture = np.full((_HEIGHT, _WIDTH, 3), overlay.PAPER, np.uint8)
         picture[:, (_WIDTH - _HEIGHT) // 2 :][:, :_HEIGHT] = large
-    lines = told(env.conditions)
+    lines = told(env.conditions) if isinstance(env, GameEnv) else []
     text = np.full((_LINE * len(lines) + 8, _WIDTH, 3), overlay.PAPER, np.uint8)
     for number, line in enumerate(lines, start=1):
         overlay.write(text, line, (6, _LINE * number), size=0.42)

@@ -99,15 +99,13 @@ class Film(Played):
         chapters = chapters_of(folder)
         video = self._video_of(folder)
         config = self.config(chapters[-1].weights)
-        rate = config.play.steps_per_second
-        steps = round((self.seconds or _CHAPTER) * rate)
-        total = len(chapters) * steps
         with (
             shown_env(config) as env,
             closing(Panels(env, self.nao_urdf, orbiting=True)) as panels,
-            open_movie(video, rate) as film,
-            Progress("filming", total) as progress,
+            open_movie(video, env.rate) as film,
+            Progress("filming", len(chapters)) as progress,
         ):
+            steps = round((self.seconds or _CHAPTER) * env.rate)
             played = (
                 (title, step, policy.values)
                 for title, weights in chapters
@@ -115,8 +113,9 @@ class Film(Played):
                 for step in islice(play([env], policy, [config.seed]), steps)
             )
             for done, (title, step, values) in enumerate(played, start=1):
-                film(titled(panels.draw(step, values), title, done / total))
-                progress.update(done, note=title)
+                passed = done / steps
+                film(titled(panels.draw(step, values), title, passed / len(chapters)))
+                progress.update(passed, note=title)
                 if stop.is_set():
                     break
         print(f"wrote {video}")

@@ -27,6 +27,9 @@ _SMALL = 0.5
 """The scale of numbers in many rows."""
 _PITCHES = (22, 32)
 """Least and greatest height of a row of numbers and signs, which grow with their room, pixels."""
+_LEAST_ROW = 15
+"""Height of a row in which ALE's 18 actions can still be read, pixels; of more actions, the best
+are drawn."""
 _KEY_AT: dict[Keys, tuple[int, int]] = {
     Keys.UP: (0, -1),
     Keys.DOWN: (0, 1),
@@ -129,25 +132,30 @@ def action_sign(
 def action_values(
     picture: NDArray[np.uint8],
     area: tuple[int, int, int, int],
-    actions: tuple[int, ...],
+    actions: tuple[int | None, ...],
     chosen: int,
     values: NDArray[np.float32] | None,
 ) -> None:
     """Draws the actions, one below the other, with bars for their values if there are any.
 
     Bars range from the least value (no bar) to the greatest, because the differences matter; the
-    numbers beside them are the values. Fewer actions are drawn larger.
+    numbers beside them are the values. Fewer actions are drawn larger. If there is no room for all,
+    the chosen one and the best are drawn.
 
     Args:
         area: left, top, width, height.
-        actions: ALE's numbers of the actions.
+        actions: ALE's numbers of the actions, whose keys are drawn; None for an action of which the
+            index is written.
         chosen: index of the action to mark.
     """
     left, top, width, height = area
     least_pitch, most_pitch = _PITCHES
-    pitch = min(height // len(actions), most_pitch)
+    ranks = np.zeros(len(actions)) if values is None else -values.astype(float)
+    ranks[chosen] = -np.inf
+    drawn = np.sort(np.argsort(ranks, kind="stable")[: height // _LEAST_ROW]).tolist()
+    pitch = min(height // len(drawn), most_pitch)
     scale = max(pitch / least_pitch, 1.0)
-    numbers = [] if values is None else [f"{value:.2f}" for value in values]
+    numbers = [] if values is None else [f"{values[index]:.2f}" for index in drawn]
     *widths, usual = (
         cv2.getTextSize(number, _FONT, _SMALL * scale, 1)[0][0] for number in (*numbers, "-0.00")
     )
@@ -155,15 +163,20 @@ def action_values(
     room = width - sign - max(*widths, usual) - 4 if widths else 0
     least = 0.0 if values is None else float(values.min())
     span = 0.0 if values is None else float(values.max()) - least
-    for index, action in enumerate(actions):
+    for row, index in enumerate(drawn):
         colour = YELLOW if index == chosen else GREY
-        middle = top + index * pitch + pitch // 2
-        action_sign(picture, (left + round(8 * scale), middle), action, colour, scale)
+        middle = top + row * pitch + pitch // 2
+        action = actions[index]
+        if action is None:
+            at = (left, middle + round(5 * scale))
+            write(picture, str(index), at, size=_SMALL * scale, colour=colour)
+        else:
+            action_sign(picture, (left + round(8 * scale), middle), action, colour, scale)
         if values is None:
             continue
         length = round((float(values[index]) - least) / span * room) if span else 0
         above, below = middle - pitch // 3, middle + pitch // 3 + 1
         picture[above:below, left + sign : left + sign + 1 + length] = colour
         shade = YELLOW if index == chosen else WHITE
-        at = (left + width - widths[index], middle + round(5 * scale))
-        write(picture, numbers[index], at, size=_SMALL * scale, colour=shade)
+        at = (left + width - widths[row], middle + round(5 * scale))
+        write(picture, numbers[row], at, size=_SMALL * scale, colour=shade)

@@ -7,6 +7,7 @@ network's input and output.
 from dataclasses import KW_ONLY, dataclass
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 
 from actors.envs.game_env import GameEnv
 from actors.envs.robot import RobotEnv
+from actors.envs.shown_env import ShownEnv
 from actors.loop import Step
 from actors.robots.nao.own_nao import OwnNao
 from actors.robots.nao.robot import Nao
@@ -38,7 +40,7 @@ class Panels:
     """Draws one environment. Raises InputError if the NAO of ``nao_urdf`` cannot be shown, or if no
     NAO plays."""
 
-    env: GameEnv
+    env: ShownEnv[Any, Any]
     nao_urdf: Path | None = None
     """URDF of another NAO to show in place of the one that plays, see `OwnNao`."""
     _: KW_ONLY
@@ -51,26 +53,26 @@ class Panels:
     def __post_init__(self) -> None:
         self._drawn = 0
         self._own_nao: OwnNao | None = None
-        nao = None
-        if isinstance(self.env, RobotEnv):
-            nao, self._view = self.env.robot, self.env.robot.view
+        env = self.env
+        if isinstance(env, RobotEnv):
+            self._view = env.robot.view
         if self.nao_urdf is not None:
-            if not isinstance(nao, Nao):
+            if not (isinstance(env, RobotEnv) and isinstance(env.robot, Nao)):
                 raise InputError("--nao-urdf shows another NAO, but no NAO plays here: omit it.")
-            self._own_nao = OwnNao(self.nao_urdf, self.env.emulator.screen_shape)
-            self._view = partial(self._own_nao.view, nao)
+            self._own_nao = OwnNao(self.nao_urdf, env.emulator.screen_shape)
+            self._view = partial(self._own_nao.view, env.robot)
 
     def draw(self, step: Step, values: NDArray[np.float32] | None) -> NDArray[np.uint8]:
         """Returns the picture after ``step``, whose action was chosen by the Q-values ``values``:
-        ``uint8 [768, 1024, 3]``, or ``[384, 1024, 3]`` for an emulator alone."""
-        env, emulator = self.env, self.env.emulator
-        network = network_panel(emulator.game, step, env.actions, values)
+        ``uint8 [768, 1024, 3]``, or ``[384, 1024, 3]`` without a robot."""
+        env = self.env
+        network = network_panel(env.task, step, env.actions, values)
         if not isinstance(env, RobotEnv):
-            # As wide as a television shows it.
-            return np.hstack((_panel(emulator.screen_rgb(), "emulator"), network))
+            caption = "emulator" if isinstance(env, GameEnv) else "environment"
+            return np.hstack((_panel(env.seen, caption), network))
         # The world stands still, or in real time it would move on from picture to picture.
         with env.still():
-            screen = emulator.screen_rgb()
+            screen = env.emulator.screen_rgb()
             room = _panel(self._room(screen), "room")
             camera = camera_panel(env.seen, env.detection)
             hands = hands_panel(self._view(screen, *PANEL, "hands"), env.wanted, env.pressed)
@@ -101,10 +103,12 @@ def camera_panel(seen: NDArray[np.uint8], detection: Detection) -> NDArray[np.ui
         scale = PANEL[0] / seen.shape[1]
         overlay.outline(panel, border_of(detection.corners), scale, overlay.YELLOW)
         overlay.outline(panel, detection.corners, scale, overlay.MAGENTA)
-    if detection.valid:
-        overlay.caption(panel, "camera: border and game found")
-    else:
+    if not detection.valid:
         overlay.caption(panel, "camera: screen NOT found", overlay.RED)
+    elif detection.corners is None:
+        overlay.caption(panel, "camera: not used")
+    else:
+        overlay.caption(panel, "camera: border and game found")
     return panel
 
 
@@ -118,12 +122,13 @@ def hands_panel(hands: NDArray[np.uint8], wanted: Keys, pressed: Keys) -> NDArra
 
 
 def network_panel(
-    game: str, step: Step, actions: tuple[int, ...], values: NDArray[np.float32] | None
+    task: str, step: Step, actions: tuple[int | None, ...], values: NDArray[np.float32] | None
 ) -> NDArray[np.uint8]:
     """Returns the newest frame of the network's input, the score, and the actions' Q-values.
 
     Args:
-        actions: ALE's numbers of the actions on offer.
+        task: what is played.
+        actions: ALE's numbers of the actions on offer; None for one that is not ALE's.
         values: ``float32 [actions]``; None at random play.
     """
     width, height = PANEL
@@ -132,7 +137,7 @@ def network_panel(
     panel[8 : 8 + _INPUT, 8 : 8 + _INPUT] = large[:, :, None]
     overlay.caption(panel, "network's input, 84 x 84")
     left = _INPUT + 20
-    overlay.write(panel, game.replace("_", " ").upper()[:16], (left, 24))
+    overlay.write(panel, task.replace("_", " ").upper()[:16], (left, 24))
     overlay.write(panel, f"score {step.info.game_score:g}", (left, 48))
     overlay.write(panel, f"step  {step.info.game_steps}", (left, 70))
     heading = "random play" if values is None else "Q-values"

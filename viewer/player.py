@@ -1,10 +1,9 @@
 """What is played for show, and by whom: random actions, or a network that keeps its values."""
 
-from collections.abc import Iterator
-from contextlib import closing, contextmanager
+from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 import tyro
@@ -12,9 +11,8 @@ from annotated_types import Ge, Lt
 from numpy.typing import NDArray
 
 from actors.envs import make_env
-from actors.envs.game_env import GameEnv
+from actors.envs.shown_env import ShownEnv
 from actors.policy import Policy
-from common.errors import InputError
 from common.process.command_line import WeightsFile
 from common.registry import ENVIRONMENTS
 from common.run.clock import ClockConfig
@@ -29,17 +27,9 @@ Network = Annotated[WeightsFile | None, tyro.conf.Positional, tyro.conf.arg(meta
 """A network that is named without a flag, or none."""
 
 
-@contextmanager
-def shown_env(config: RunConfig, clock: ClockConfig | None = None) -> Iterator[GameEnv]:
-    """Yields the environment of ``config``, and closes it. Raises InputError if it is neither a
-    robot nor an emulator, so that there is nothing to show."""
-    with closing(make_env(config, clock, training=False)) as env:
-        if not isinstance(env, GameEnv):
-            raise InputError(
-                f"only robots and emulators can be shown, not {config.env}: choose another --env, "
-                "or a network that plays one of them."
-            )
-        yield env
+def shown_env(config: RunConfig, clock: ClockConfig | None = None) -> closing[ShownEnv[Any, Any]]:
+    """Returns a context of the environment of ``config``, whose episodes are whole games."""
+    return closing(make_env(config, clock, training=False))
 
 
 @dataclass(frozen=True)

@@ -12,8 +12,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from actors.envs.game_env import GameEnv
 from actors.envs.robot import RobotEnv
+from actors.envs.shown_env import ShownEnv
 from actors.loop import Step
 from actors.robots.room.furniture import PICTURE_CORNERS
 from actors.robots.room.room import Room
@@ -26,7 +26,6 @@ from common.atomic_file import check_new_file
 from common.errors import InputError
 from common.process.extras import extra_for
 from common.proprioception import KEYS
-from common.run.conditions import PlayConfig
 from viewer import overlay
 from viewer.rerun_viewer import RerunViewer
 
@@ -48,12 +47,11 @@ class RerunStream:
     its viewer cannot be started here, or the file cannot be written.
 
     Args:
-        play: the environment's settings.
         live: whether to send to a viewer.
         save: file to record to; its name ends in .rrd.
     """
 
-    def __init__(self, env: GameEnv, play: PlayConfig, *, live: bool, save: Path | None) -> None:
+    def __init__(self, env: ShownEnv[Any, Any], *, live: bool, save: Path | None) -> None:
         if save is not None and save.suffix != ".rrd":
             raise InputError(f"{save} is not a recording's name: let it end in .rrd.")
         if save is not None:
@@ -62,14 +60,15 @@ class RerunStream:
             import rerun
         self._rerun: ModuleType = rerun
         self._env = env
-        self._seconds = 1 / play.steps_per_second
-        """Seconds of game time per agent step."""
         self._agent_steps = 0
         self._sent: dict[str, NDArray[np.float64]] = {}
         room = env.robot if isinstance(env, RobotEnv) and isinstance(env.robot, Room) else None
         self._scene = None if room is None else room.scene()
         self._game = "game" if room is None else "room/screen/game"
-        self._q = [_name_of(KEYS_OF_ACTION[action]) for action in env.actions]
+        self._q = [
+            str(index) if action is None else _name_of(KEYS_OF_ACTION[action])
+            for index, action in enumerate(env.actions)
+        ]
         self._viewer = RerunViewer(rerun) if live else None
         self._stream = rerun.RecordingStream("ale-robot")
         self._log = self._stream.log
@@ -93,13 +92,13 @@ class RerunStream:
         env, rerun = self._env, self._rerun
         self._agent_steps += step.info.elapsed
         self._stream.set_time("agent step", sequence=self._agent_steps)
-        self._stream.set_time("game time", duration=self._agent_steps * self._seconds)
+        self._stream.set_time("game time", duration=self._agent_steps / env.rate)
         if isinstance(env, RobotEnv):
             # The world stands still, or in real time it would move on from picture to picture.
             with env.still():
                 self._show_robot(env)
         else:
-            self._show_game(env.emulator.screen_rgb())
+            self._show_game(env.seen)
         self._picture("network/input", step.s_t[-1])
         if values is not None:
             for name, value in zip(self._q, values.tolist(), strict=True):

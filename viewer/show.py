@@ -3,12 +3,12 @@
 import threading
 from contextlib import AbstractContextManager, closing, nullcontext
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import tyro
 
-from actors.envs.game_env import GameEnv
+from actors.envs.shown_env import ShownEnv
 from actors.loop import play
 from common.checked import Amount, Fraction, FromOne
 from common.errors import InputError
@@ -16,7 +16,6 @@ from common.minus import minus_signed, points
 from common.process.extras import check_extra
 from common.process.progress import Progress
 from common.run.clock import ClockConfig
-from common.run.conditions import PlayConfig
 from viewer.movie import check_movie, open_movie
 from viewer.panels import Panels
 from viewer.player import File, Network, Played, ShownPolicy, shown_env
@@ -67,13 +66,12 @@ class Play(Played):
         config = self.config(self.weights)
         policy_seed, env_seed = map(int, np.random.SeedSequence(config.seed).generate_state(2))
         policy = ShownPolicy.of_file(config, self.weights, self.epsilon, policy_seed)
-        rate = config.play.steps_per_second
         with (
             shown_env(config, self.clock) as env,
-            nullcontext() if self.video is None else open_movie(self.video, rate) as film,
+            nullcontext() if self.video is None else open_movie(self.video, env.rate) as film,
             closing(Panels(env, self.nao_urdf, room_every=ROOM_EVERY)) as panels,
             Progress("filming" if self.video else "playing", self.seconds or None) as progress,
-            self._stream(env, config.play) as stream,
+            self._stream(env) as stream,
         ):
             scores: list[float] = []
             missed = 0
@@ -98,8 +96,9 @@ class Play(Played):
                     )
                     missed = 0
                 played += step.info.elapsed
-                progress.update(played / rate, note=f"{played / rate:.0f} s of play")
-                ended = self.seconds and played >= self.seconds * rate
+                seconds = played / env.rate
+                progress.update(seconds, note=f"{seconds:.0f} s of play")
+                ended = self.seconds and seconds >= self.seconds
                 if len(scores) == self.games or ended or stop.is_set():
                     if not scores:
                         print(
@@ -116,7 +115,7 @@ class Play(Played):
             if file is not None:
                 print(f"wrote {file}")
 
-    def _stream(self, env: GameEnv, play: PlayConfig) -> AbstractContextManager[RerunStream | None]:
+    def _stream(self, env: ShownEnv[Any, Any]) -> AbstractContextManager[RerunStream | None]:
         if self.viewer is None and self.save is None:
             return nullcontext()
-        return closing(RerunStream(env, play, live=self.viewer is not None, save=self.save))
+        return closing(RerunStream(env, live=self.viewer is not None, save=self.save))

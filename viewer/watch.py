@@ -10,13 +10,14 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from actors.envs.game_env import GameEnv
 from actors.envs.robot import RobotEnv
+from actors.envs.shown_env import ShownEnv
 from actors.loop import Step, play
 from actors.vision.layout import ASPECT, border_of
 from common.actions import KEYS_OF_ACTION
@@ -89,7 +90,7 @@ class Watch(Played):
             screen = WatchScreen(env, config, name_of(weights))
             answers = GraphicsAnswers()
             terminal.write(QUESTIONS)
-            period, due = 1 / config.play.steps_per_second, time.monotonic()
+            period, due = 1 / env.rate, time.monotonic()
             for step in play([env], policy, [config.seed]):
                 terminal.write(screen.draw(terminal.size, step, policy.values, scores))
                 # The pictures after a late one keep the usual pace.
@@ -110,7 +111,7 @@ class Watch(Played):
 class WatchScreen:
     """Lays out pictures and texts for a terminal of at least `LEAST_SIZE`."""
 
-    def __init__(self, env: GameEnv, config: RunConfig, name: str) -> None:
+    def __init__(self, env: ShownEnv[Any, Any], config: RunConfig, name: str) -> None:
         self._env = env
         self._name = name
         self._title = config.played.replace("_", " ")
@@ -161,8 +162,8 @@ class WatchScreen:
         return f"{text}\x1b[{rows};1H{_PLAIN}{_DIM}{last[: columns - 1]}{_PLAIN}\x1b[K\x1b[0m"
 
     def _seen(self, size: tuple[int, int]) -> NDArray[np.uint8]:
-        """Returns the camera's picture with the detected screen; of an emulator alone, its
-        screen."""
+        """Returns the camera's picture with the detected screen; without a robot, the
+        environment's."""
         env = self._env
         found = env.detection.corners if isinstance(env, RobotEnv) else None
         if found is None:
@@ -183,7 +184,7 @@ class WatchScreen:
         return picture
 
     def _hands(self, size: tuple[int, int], step: Step) -> NDArray[np.uint8]:
-        """Returns the hands at the controller; of an emulator alone, the network's input."""
+        """Returns the hands at the controller; without a robot, the network's input."""
         env = self._env
         if isinstance(env, RobotEnv):
             return _scaled(env.view(*max(size, _HANDS), "hands"), size)
@@ -202,8 +203,10 @@ class WatchScreen:
         score = f"score {points(step.info.game_score)}"
         lines = [f"{_BOLD}{score}{_PLAIN}{_beside_score(step, scores, width - len(score))}"]
         if isinstance(env, RobotEnv):
-            seen = (_GOOD, "screen found") if env.detection.valid else (_BAD, "screen NOT found")
-            lines += ["".join(seen), f"commanded {keys_text(env.wanted)}"]
+            seen = f"{_GOOD}screen found" if env.detection.valid else f"{_BAD}screen NOT found"
+            if env.detection.valid and env.detection.corners is None:
+                seen = f"{_DIM}camera not used"
+            lines += [seen, f"commanded {keys_text(env.wanted)}"]
             lines += [f"pressed   {keys_text(env.pressed)}"]
         else:
             lines.append(f"{_DIM}↑ network's input{_PLAIN}")
@@ -213,7 +216,9 @@ class WatchScreen:
         # If there is no room for all actions, the best ones are shown.
         for index, value, bar in q_bars(values, max(rows - len(lines), 1), width - 16):
             colour = _CHOSEN if index == step.a_tm1 else ""
-            lines.append(f"{colour}{keys_text(KEYS_OF_ACTION[env.actions[index]])}{value} {bar}")
+            action = env.actions[index]
+            name = f"{index:>5}" if action is None else keys_text(KEYS_OF_ACTION[action])
+            lines.append(f"{colour}{name}{value} {bar}")
         return lines
 
 

@@ -2,8 +2,7 @@
 
 from typing import Any
 
-import gymnasium
-
+from actors.envs.shown_env import ShownEnv
 from common.registry import ENVIRONMENTS
 from common.run.clock import ClockConfig
 from common.run.config import RunConfig
@@ -11,7 +10,7 @@ from common.run.config import RunConfig
 
 def make_env(
     config: RunConfig, clock: ClockConfig | None = None, *, training: bool
-) -> gymnasium.Env[Any, Any]:
+) -> ShownEnv[Any, Any]:
     """Returns the environment of a run, by its name in `common.registry.ENVIRONMENTS`.
 
     Args:
@@ -26,7 +25,5 @@ def make_env(
     from actors.envs.checked import CheckedEnv
     from actors.envs.game_env import GameEnv
 
-    env: gymnasium.Env[Any, Any] = ENVIRONMENTS.make(
-        config.env, config, clock or ClockConfig(), training=training
-    )
+    env = ENVIRONMENTS.make(config.env, config, clock or ClockConfig(), training=training)
     return env if isinstance(env, GameEnv) else CheckedEnv(env, config)

@@ -1,34 +1,44 @@
-"""Checks what an environment of another package gives: the replay would store wrong states in
-silence."""
+"""Checks what an environment of another package gives, and shows it: the replay would store wrong
+states in silence."""
 
 from typing import Any, SupportsFloat
 
+import cv2
 import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
+from actors.envs.shown_env import ShownEnv
 from actors.loop import frames_and_vector
+from actors.vision.layout import ASPECT
 from common.errors import InputError
 from common.protocol.step_fields import FRAME_SHAPE
 from common.run.config import RunConfig
 
+_MARGIN = 32
+"""Grey of the margins around a picture that is not 4:3; black may be the picture's own."""
 
-class CheckedEnv(gymnasium.Wrapper[Any, Any, Any, Any]):
+
+class CheckedEnv(gymnasium.Wrapper[Any, Any, Any, Any], ShownEnv[Any, Any]):
     """An environment whose actions and observations are as the run's settings say.
 
     The replay keeps the newest frame of each state, and puts the states together again. So a state
     has to be the frames of the state before without the oldest, and a new one; the first state of
     an episode repeats its only frame.
 
-    Making it raises InputError if the actions are otherwise; `reset` and `step`, if a state is.
+    Making it raises InputError if the actions are otherwise; `reset` and `step`, if a state is; and
+    `seen`, if a picture is none.
     """
 
     def __init__(self, env: gymnasium.Env[Any, Any], config: RunConfig) -> None:
         super().__init__(env)
         self._name = f"the environment {config.env}"
+        self._task = config.task
         self._shape = (config.play.frame_stack, *FRAME_SHAPE)
         self._width = config.vector_width
         self._frames: NDArray[np.uint8]
+        rate = env.metadata.get("render_fps") or config.play.steps_per_second
+        self.metadata = {**env.metadata, "render_fps": rate}
         actions = gymnasium.spaces.Discrete(config.action_count)
         found = getattr(env, "action_space", None)  # Gymnasium declares it and sets none
         if found != actions:
@@ -36,6 +46,32 @@ class CheckedEnv(gymnasium.Wrapper[Any, Any, Any, Any]):
                 f"{self._name} has the actions {found}, and its entry says {actions.n}: make them "
                 "equal."
             )
+        self._actions = (None,) * config.action_count
+
+    @property
+    def task(self) -> str:
+        return self._task
+
+    @property
+    def actions(self) -> tuple[None, ...]:
+        return self._actions
+
+    @property
+    def seen(self) -> NDArray[np.uint8]:
+        """What it renders in the render mode "rgb_array"; in another one, its newest frame. Grey
+        margins keep the shape."""
+        if self.render_mode == "rgb_array":
+            rendered: Any = self.env.render()
+        else:
+            rendered = cv2.cvtColor(self._frames[-1], cv2.COLOR_GRAY2RGB)
+        picture = np.asarray(rendered)
+        if picture.dtype != np.uint8 or picture.shape[2:] != (3,) or not picture.size:
+            told = f"{picture.dtype} {list(picture.shape)}" if picture.ndim else rendered
+            raise InputError(f"{self._name} renders {told}: give uint8 [rows, columns, 3].")
+        rows, columns = picture.shape[:2]
+        high, wide = max(rows, round(columns / ASPECT)), max(columns, round(rows * ASPECT))
+        margins = [(more // 2, more - more // 2) for more in (high - rows, wide - columns)]
+        return np.pad(picture, [*margins, (0, 0)], constant_values=_MARGIN)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None

@@ -1,6 +1,5 @@
-"""`GameEnv`: what `AtariEnv` and `RobotEnv` share, and all that viewers know of either."""
+"""`GameEnv`: what `AtariEnv` and `RobotEnv` share."""
 
-from abc import abstractmethod
 from collections.abc import Callable
 from typing import Any
 
@@ -12,12 +11,13 @@ from actors.envs.emulator import Emulator
 from actors.envs.eye_timing import eye_latency
 from actors.envs.game import AtariGame
 from actors.envs.observation import FrameStack, Observation, observation_space
+from actors.envs.shown_env import ShownEnv
 from actors.envs.world import World
 from common.actions import Keys
 from common.run.conditions import Conditions, PlayConfig
 
 
-class GameEnv(gymnasium.Env[Observation, np.int64]):
+class GameEnv(ShownEnv[Observation, np.int64]):
     """An environment of an `AtariGame` in a `World`: its spaces, episodes and conditions.
 
     A subclass decides whose hands play the game, how its time passes and how it is seen.
@@ -56,24 +56,22 @@ class GameEnv(gymnasium.Env[Observation, np.int64]):
         return self._game.emulator
 
     @property
+    def task(self) -> str:
+        """The game."""
+        return self.emulator.game
+
+    @property
     def actions(self) -> tuple[int, ...]:
         """ALE's numbers of the actions on offer."""
         return self._game.actions
 
     @property
     def wanted(self) -> Keys:
-        """The keys of the last action."""
         return self._world.wanted
 
     @property
     def pressed(self) -> Keys:
-        """The keys that the game got last."""
         return self._world.pressed
-
-    @property
-    @abstractmethod
-    def seen(self) -> NDArray[np.uint8]:
-        """The last picture from which a frame was made, ``uint8 [rows, columns, 3]``."""
 
     def _begin_episode(self, seed: int | None, options: dict[str, Any] | None) -> bool:
         """Begin an episode with the arguments of ``reset``; returns whether its game is new."""

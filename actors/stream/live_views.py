@@ -6,17 +6,15 @@ from collections.abc import Sequence
 from typing import Any
 
 import cv2
-import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from actors.envs.game_env import GameEnv
 from actors.envs.robot import RobotEnv
+from actors.envs.shown_env import ShownEnv
 from actors.loop import Step
 from actors.member import Member
 from actors.policy import Policy
 from actors.vision.layout import border_of
-from common.actions import Keys
 from common.errors import MessageError
 from common.protocol.actor_stats import Role
 from common.protocol.live_view import (
@@ -45,11 +43,14 @@ class LiveViews:
         self,
         member: Member,
         role: Role,
-        envs: Sequence[gymnasium.Env[Any, Any]],
+        envs: Sequence[ShownEnv[Any, Any]],
         policy: Policy,
     ) -> None:
         self._envs = envs
         self._policy = policy
+        self._member = member
+        self._failed = False
+        """Whether an environment failed to give its picture."""
         self._waiting: deque[tuple[Request, ViewRequest]] = deque()
         self._next = 0.0
         """Monotonic seconds at which the next picture may be made."""
@@ -83,12 +84,8 @@ class LiveViews:
 
     def _view(self, step: Step, viewpoint: Viewpoint) -> LiveView:
         env = self._envs[step.stream]
-        picture = room = border = game = None
-        wanted = pressed = Keys.NONE
-        actions: tuple[int, ...] = ()
-        if isinstance(env, GameEnv):
-            wanted, pressed, actions = env.wanted, env.pressed, env.actions
-            picture = env.seen
+        room = border = game = None
+        picture = self._picture(env)
         if isinstance(env, RobotEnv):
             game = env.detection.corners
             border = None if game is None else border_of(game)
@@ -106,12 +103,22 @@ class LiveViews:
             game=_shares(game, picture),
             frame=_jpeg(step.s_t[-1]),
             room=_jpeg(room),
-            wanted=int(wanted),
-            pressed=int(pressed),
-            actions=actions,
+            wanted=int(env.wanted),
+            pressed=int(env.pressed),
+            actions=tuple(action for action in env.actions if action is not None),
             values=tuple(values.tolist()),
             chosen=step.a_tm1,
         )
+
+    def _picture(self, env: ShownEnv[Any, Any]) -> NDArray[np.uint8] | None:
+        """Returns what ``env`` shows; None if it cannot, which is told once."""
+        try:
+            return env.seen
+        except Exception as error:  # of any kind, as without a display: play goes on
+            if not self._failed:
+                self._failed = True
+                self._member.warn(f"no picture is shown: the environment gives none ({error!r}).")
+            return None
 
 
 def _shares(

@@ -10,6 +10,7 @@ import pytest
 
 from actors import actor as actor_module
 from actors.actor import Actor
+from actors.envs.checked import CheckedEnv
 from actors.member import Member
 from actors.policy import Policy
 from actors.stream import insert_client as outbox_module
@@ -83,7 +84,8 @@ class Stage:
         member = Member(
             *("a", self._client, KEYS, self.config, 300.0, self.stop, 17, self.warnings.append)
         )
-        self.actor = actor = Actor(member, envs, self.policy)
+        shown = [CheckedEnv(env, self.config) for env in envs]
+        self.actor = actor = Actor(member, shown, self.policy)
         seeds = list(range(len(envs)))
 
         def work() -> None:

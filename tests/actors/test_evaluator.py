@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from actors import evaluator as evaluator_module
+from actors.envs.checked import CheckedEnv
 from actors.evaluator import Evaluator
 from actors.member import Member
 from actors.policy import Policy
@@ -49,7 +50,7 @@ class Stage:
             *("e", self._client, KEYS, PRESETS["fast"], patience, self.stop, 9),
             *(self.warnings.append, self.check_weights),
         )
-        evaluator = Evaluator(member, env, policy)
+        evaluator = Evaluator(member, CheckedEnv(env, PRESETS["fast"]), policy)
 
         def work() -> None:
             try:

@@ -12,6 +12,7 @@ from annotated_types import Ge, Le
 from rich.console import Console
 
 from actors.envs import make_env
+from actors.envs.checked import CheckedEnv
 from actors.envs.step_info import StepInfo
 from actors.loop import play
 from actors.policy import Policy
@@ -42,7 +43,10 @@ class LampSettings:
 class Lamps(gymnasium.Env[Any, np.int64]):
     """Some lamps: to name the one that is lit makes a point; a game has ten of them."""
 
-    def __init__(self, play: PlayConfig) -> None:
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 5}  # noqa: RUF012
+
+    def __init__(self, play: PlayConfig, render_mode: str | None = None) -> None:
+        self.render_mode = render_mode
         self._lamps = own_settings(LampSettings, play.env_settings).lamps
         self.action_space = gymnasium.spaces.Discrete(self._lamps)
         shape = (play.frame_stack, 84, 84)
@@ -53,7 +57,7 @@ class Lamps(gymnasium.Env[Any, np.int64]):
     @classmethod
     def of_run(cls, config: RunConfig, clock: ClockConfig, *, training: bool) -> "Lamps":
         assert clock == ClockConfig()
-        return cls(config.play)
+        return cls(config.play, render_mode="rgb_array")
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -70,6 +74,13 @@ class Lamps(gymnasium.Env[Any, np.int64]):
         over = self._steps == GAME_STEPS
         info = StepInfo(over, self._score, self._steps)
         return self._look(), reward, over, False, info._asdict()
+
+    def render(self) -> Any:
+        """The lamps from the side, yellow if lit and blue if not, twice as wide as high."""
+        picture = np.full((60, 120, 3), (0, 0, 200), np.uint8)
+        width = 120 // self._lamps
+        picture[:, width * self._lit : width * (self._lit + 1)] = (250, 220, 0)
+        return picture
 
     def _look(self) -> Any:
         self._lit = int(self.np_random.integers(self._lamps))
@@ -160,6 +171,73 @@ def test_what_the_replay_would_store_otherwise_is_refused(wrong: str, sentence: 
     assert str(error.value).startswith(f"the environment wrong {sentence}")
 
 
+def shown(env: gymnasium.Env[Any, Any], *actions: int) -> CheckedEnv:
+    """``env`` after these actions of an episode."""
+    with added(ENVIRONMENTS, LAMPS):
+        checked = CheckedEnv(env, CONFIG)
+    checked.reset(seed=1)
+    for action in actions:
+        checked.step(action)
+    return checked
+
+
+def test_what_it_renders_is_shown_between_margins_and_at_its_own_rate() -> None:
+    lamps = Lamps(CONFIG.play, "rgb_array")
+    env = shown(lamps, 2)
+    assert (env.task, env.actions, env.rate) == ("lamps", (None, None, None), 5)
+    picture = env.seen
+    assert picture.shape == (90, 120, 3)  # 4:3
+    assert (picture[15:75] == lamps.render()).all()
+    assert (picture[:15] == picture[0, 0]).all()
+    assert (picture[75:] == picture[0, 0]).all()
+
+
+class Showing(Lamps):
+    """One that renders ``picture``, whatever happens, and has no rate."""
+
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array"]}  # noqa: RUF012
+
+    def __init__(self, picture: Any) -> None:
+        super().__init__(CONFIG.play, "rgb_array")
+        self.render = lambda: picture  # type: ignore[method-assign]
+
+
+def test_a_picture_that_is_high_has_its_margins_beside_it() -> None:
+    env = shown(Showing(np.full((90, 41, 3), 7, np.uint8)))
+    assert env.rate == CONFIG.play.steps_per_second == 15
+    assert env.seen.shape == (90, 120, 3)
+    assert (env.seen[:, 39:80] == 7).all()
+    assert not (env.seen[:, [38, 80]] == 7).any()
+
+
+@pytest.mark.parametrize(
+    ("rendered", "told"),
+    [
+        (None, "None"),
+        (np.zeros((60, 80, 3)), "float64 [60, 80, 3]"),
+        (np.zeros((60, 80), np.uint8), "uint8 [60, 80]"),
+        (np.zeros((60, 80, 4), np.uint8), "uint8 [60, 80, 4]"),
+        ([np.zeros((60, 80, 3), np.uint8)], "uint8 [1, 60, 80, 3]"),
+        (np.zeros((60, 0, 3), np.uint8), "uint8 [60, 0, 3]"),
+    ],
+)
+def test_a_picture_that_is_none_is_refused(rendered: Any, told: str) -> None:
+    env = shown(Showing(rendered))
+    with pytest.raises(InputError) as error:
+        _ = env.seen
+    assert str(error.value) == (
+        f"the environment lamps renders {told}: give uint8 [rows, columns, 3]."
+    )
+
+
+def test_one_that_renders_nothing_shows_its_newest_frame() -> None:
+    env = shown(Lamps(CONFIG.play), 1, 2)
+    frame = env.step(0)[0][-1]
+    assert env.seen.shape == (84, 112, 3)
+    assert (env.seen[:, 14:98] == frame[:, :, None]).all()
+    assert not (env.seen[:, [13, 98]] == 0).any()  # margins are not of its black
+
+
 def test_it_goes_by_its_own_name() -> None:
     with added(ENVIRONMENTS, LAMPS):
         assert (CONFIG.task, CONFIG.played) == ("lamps", "lamps")
@@ -173,13 +251,13 @@ def test_pages_and_screens_name_no_game_of_it() -> None:
     told = snapshot({"run/env": "lamps", "run/game": "lamps"})
     pong = snapshot({"run/env": "ale", "run/game": "pong"})
     with added(ENVIRONMENTS, LAMPS):
-        assert shown(told).startswith("Lamps  run pong-1")
+        assert screen(told).startswith("Lamps  run pong-1")
         assert (figures(told)["run"]["env"], figures(told)["run"]["game"]) == ("Lamps", "")
-    assert shown(pong).startswith("ALE-Only  pong  run pong-1")
+    assert screen(pong).startswith("ALE-Only  pong  run pong-1")
     assert figures(pong)["run"]["game"] == "pong"
 
 
-def shown(told: Snapshot) -> str:
+def screen(told: Snapshot) -> str:
     out = io.StringIO()
     Console(file=out, width=120, height=24).print(Screen(told))
     return out.getvalue().strip()

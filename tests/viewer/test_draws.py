@@ -9,10 +9,10 @@ import pytest
 
 from common.errors import InputError
 from common.process.command_line import parse
-from common.registry import ENVIRONMENTS, Environment
+from common.registry import ENVIRONMENTS
 from common.run.conditions import PERFECT_CAMERA, CameraConfig, Conditions, PlayConfig
 from common.run.ranges import RandomiseConfig, all_ranges
-from tests.actors.numbered_env import GOES_ON, NumberedEnv
+from tests.extending.test_environment import LAMPS
 from tests.extending.whole_run import added
 from viewer.__main__ import COMMANDS
 from viewer.draws import Draws, sheet, told
@@ -48,10 +48,15 @@ def test_what_cannot_be_drawn_or_written_is_refused_before_the_games(tmp_path: P
         Draws(output=tmp_path / "d.txt").check()
 
 
-def test_an_environment_that_cannot_be_shown_is_refused(tmp_path: Path) -> None:
-    other = Environment("other", lambda *_, **__: NumberedEnv(GOES_ON), lambda _: 6)
-    with added(ENVIRONMENTS, other), pytest.raises(InputError, match="not other: "):
-        Draws(env="other", output=tmp_path / "d.png").run(threading.Event())
+def test_an_environment_from_outside_is_drawn_without_conditions(tmp_path: Path) -> None:
+    file = tmp_path / "d.png"
+    with added(ENVIRONMENTS, LAMPS):
+        Draws(env="lamps", count=3, output=file).run(threading.Event())
+    page = cv2.imread(str(file))
+    assert page is not None
+    assert page.shape == (368, 3 * 480, 3)
+    for tile in np.hsplit(page, 3):  # the network's frame, in which one of three lamps is lit
+        assert sorted(tile[180, 120 + 120 * lamp].max() for lamp in range(3)) == [0, 0, 255]
 
 
 def test_a_stop_ends_it_early(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 import threading
 from dataclasses import replace
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -10,19 +11,27 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from actors.envs.game_env import GameEnv
-from actors.loop import Step
+from actors.envs.shown_env import ShownEnv
+from actors.loop import Step, play
+from actors.policy import Policy
 from common.errors import InputError
 from common.network import build_network
 from common.protocol.weights import encode_weights
+from common.registry import ENVIRONMENTS, ROBOTS
 from common.run.epochs import COLUMNS, EpochTable
 from common.run.origin import find_weights
 from common.run.presets import PRESETS
 from common.run.stored_config import to_json
 from tests.common.run.test_epochs import TRAIN as ROW
+from tests.extending.test_environment import CONFIG as LAMPS_CONFIG
+from tests.extending.test_environment import LAMPS
+from tests.extending.test_robot import FINGER
+from tests.extending.test_robot import config as finger_config
+from tests.extending.whole_run import added
 from viewer import overlay
 from viewer.film import Chapter, Film, chapters_of, titled
 from viewer.panels import Panels
+from viewer.player import shown_env
 from viewer.show import Play
 
 CONFIG = replace(PRESETS["fast"], learning=replace(PRESETS["fast"].learning, network="nips"))
@@ -101,7 +110,9 @@ def test_a_film_of_a_run_has_its_flags_and_shows_each_networks_values(
     shown: list[Any] = []
 
     class Shown(Panels):
-        def __init__(self, env: GameEnv, nao_urdf: Path | None, *, orbiting: bool) -> None:
+        def __init__(
+            self, env: ShownEnv[Any, Any], nao_urdf: Path | None, *, orbiting: bool
+        ) -> None:
             super().__init__(env, orbiting=orbiting)
             shown.append((nao_urdf, orbiting))
 
@@ -127,6 +138,66 @@ def test_a_film_that_is_stopped_ends_with_its_last_picture(run: Path) -> None:
     Film(shown=run).run(stop)
     assert len(pictures_of(run / "films" / "learning.mp4")) == 1
     Film(shown=run, video=run / "short.gif").run(stop)  # three chapters by default are no 120 s
+
+
+def test_an_environment_from_outside_is_filmed_as_it_renders_itself(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    weights = tmp_path / "lamps.safetensors"
+    weights.write_bytes(encode_weights(build_network(LAMPS_CONFIG, 3), LAMPS_CONFIG))
+    video = tmp_path / "lamps.mp4"
+    with added(ENVIRONMENTS, LAMPS):
+        Film(shown=weights, video=video, seconds=2.4).run(threading.Event())
+        # Another player of the same seeds.
+        policy_seed, env_seed = map(
+            int, np.random.SeedSequence(LAMPS_CONFIG.seed).generate_state(2)
+        )
+        policy = Policy.of_file(LAMPS_CONFIG, weights, 0.001, policy_seed)
+        with shown_env(LAMPS_CONFIG) as env:
+            steps = [
+                (step.info.game_score, step.s_t[-1].copy())
+                for step in islice(play([env], policy, [env_seed]), 10)
+            ]
+    told = capsys.readouterr().out
+    assert told == f"game 1: score {steps[-1][0]:g} in 10 steps\nwrote {video}\n"
+
+    with av.open(str(video)) as film:
+        assert film.streams.video[0].average_rate == 5  # as its metadata say
+    pictures = pictures_of(video)
+    assert len(pictures) == 10  # of the one game; 2.4 s are 12 steps
+    for picture, (_, frame) in zip(pictures, steps, strict=True):
+        assert picture.shape == (384, 1024, 3)
+        lit = [bool(frame[42, 14 + 28 * lamp]) for lamp in range(3)]
+        assert sum(lit) == 1
+        for lamp, is_lit in enumerate(lit):
+            shown = picture[192, 85 + 171 * lamp].astype(int)
+            assert np.abs(shown - ((250, 220, 0) if is_lit else (0, 0, 200))).max() < 12
+            given = picture[170, 512 + 8 + 56 + 112 * lamp]
+            assert np.abs(given.astype(int) - 255 * is_lit).max() < 12
+        # As wide as the panel, with margins above and below.
+        margins = picture[[*range(4, 58), *range(328, 356)], :508].astype(int)
+        assert np.abs(margins - margins[0, 0]).max() < 12
+        assert (np.ptp(picture[70:314, 4], axis=0) < 24).all()
+
+
+def test_a_robot_from_outside_is_filmed_by_its_own_views(tmp_path: Path) -> None:
+    video = tmp_path / "finger.mp4"
+    weights = tmp_path / "finger.safetensors"
+    config = finger_config()
+    with added(ROBOTS, FINGER):
+        network = build_network(config, config.action_count)
+        weights.write_bytes(encode_weights(network, config))
+        Film(shown=weights, video=video, seconds=0.2).run(threading.Event())
+    pictures = pictures_of(video)
+    assert len(pictures) == 3
+    for picture in pictures:
+        assert picture.shape == (768, 1024, 3)
+        # Its room and its camera's picture are black, its hands are white.
+        assert picture[4:350, 4:500].max() < 12
+        assert picture[4:350, 520:1020].max() < 12
+        assert picture[480:730, 4:500].min() > 243
+        # The network gets Pong, whose field is one grey.
+        assert 60 < picture[540:560, 660:680].mean() < 110
 
 
 def test_a_title_stands_above_the_picture() -> None:

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 from contextlib import closing
-from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -15,10 +14,9 @@ from actors.loop import Step
 from actors.vision.layout import GAME_IN_PICTURE, border_of
 from actors.vision.screen_detector import Detection
 from common.actions import Keys
-from common.errors import InputError
-from common.registry import ENVIRONMENTS, Environment
-from common.run.presets import PRESETS
-from tests.actors.numbered_env import GOES_ON, NumberedEnv
+from common.registry import ENVIRONMENTS
+from tests.extending.test_environment import CONFIG as LAMPS_CONFIG
+from tests.extending.test_environment import LAMPS
 from tests.extending.whole_run import added
 from viewer import overlay
 from viewer import panels as panels_module
@@ -121,14 +119,47 @@ def test_two_panels_for_an_emulator() -> None:
     np.testing.assert_array_equal(picture[:, WIDTH:], network)
 
 
-def test_other_environments_are_refused() -> None:
-    other = Environment("other", lambda *_, **__: NumberedEnv(GOES_ON), lambda _: 6)
-    with (
-        added(ENVIRONMENTS, other),
-        pytest.raises(InputError, match="choose another --env"),
-        shown_env(replace(PRESETS["fast"], env="other")),
-    ):
-        pass
+def test_two_panels_for_an_environment_from_outside() -> None:
+    with added(ENVIRONMENTS, LAMPS), shown_env(LAMPS_CONFIG) as env:
+        state, _ = env.reset(seed=3)
+        step = stepped(state, 2)
+        picture = Panels(env).draw(step, None)
+    assert picture.shape == (HEIGHT, 2 * WIDTH, 3)
+    np.testing.assert_array_equal(picture[: HEIGHT - 24, :WIDTH], panel_of(env.seen)[:-24])
+    network = network_panel("lamps", step, (None,) * 3, None)
+    np.testing.assert_array_equal(picture[:, WIDTH:], network)
+
+
+def panel_of(picture: np.ndarray) -> np.ndarray:
+    return np.asarray(cv2.resize(picture, PANEL))
+
+
+def test_an_action_that_is_not_of_ale_has_its_number() -> None:
+    values = np.array([0.0, 1.0, 0.5], np.float32)
+    step = stepped(np.zeros((4, 84, 84), np.uint8), 1)
+    numbered, of_ale = (
+        network_panel("lamps", step, actions, values) for actions in ((None,) * 3, (0, 3, 4))
+    )
+    # They stand where ALE's signs do, in three rows of 32 pixels; all else is the same.
+    rows, columns = np.nonzero((numbered != of_ale).any(axis=2))
+    assert 104 <= rows.min() < rows.max() < 200
+    assert 356 <= columns.min() < columns.max() < 356 + 47
+    for row, colour in ((0, overlay.GREY), (1, overlay.YELLOW)):
+        assert count(numbered[104 + 32 * row :, 356:396][:32], colour) > 20
+
+
+@pytest.mark.parametrize("chosen", [7, 90])
+def test_of_many_actions_the_chosen_and_the_best_are_drawn(chosen: int) -> None:
+    values = np.arange(100, dtype=np.float32)
+    step = stepped(np.zeros((4, 84, 84), np.uint8), chosen)
+    panel = network_panel("many", step, (None,) * 100, values)
+    bars = panel[104:, 356 + 32]  # the first pixel of each
+    yellow = (bars == overlay.YELLOW).all(axis=1)
+    rows = np.flatnonzero(yellow | (bars == overlay.GREY).all(axis=1))
+    drawn = np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1)
+    # As many as ALE has actions: 7 and 83 to 99, or 82 to 99.
+    assert len(drawn) == 18
+    assert [bool(yellow[row].all()) for row in drawn].index(True) == {7: 0, 90: 8}[chosen]
 
 
 def test_the_network_gets_what_is_shown_enlarged() -> None:
@@ -163,6 +194,9 @@ def test_a_screen_that_was_lost_is_told_in_red() -> None:
     assert count(found, overlay.RED) == 0
     assert count(lost, overlay.RED) > 0
     assert count(lost, overlay.MAGENTA) == 0
+    unused = camera(None, True)
+    assert count(unused, overlay.RED) == 0
+    assert (unused[-24:] != found[-24:]).any()
 
 
 def test_border_of_inverts_the_layout() -> None:

@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 
 from actors.envs import make_env
-from actors.envs.game_env import GameEnv
 from actors.envs.robot import RobotEnv
 from actors.loop import play
 from actors.robots.room.engine import joints_of
@@ -21,13 +20,15 @@ from actors.robots.room.furniture import PICTURE_CORNERS
 from actors.vision.layout import BORDER
 from common.actions import Keys
 from common.errors import InputError
-from common.registry import ROBOTS
+from common.registry import ENVIRONMENTS, ROBOTS
 from common.run.origin import find_weights
+from tests.extending.test_environment import CONFIG as LAMPS_CONFIG
+from tests.extending.test_environment import LAMPS
 from tests.extending.test_robot import FINGER
 from tests.extending.test_robot import config as finger_config
 from tests.extending.whole_run import added
 from tests.viewer.rrd import at, recorded
-from viewer.player import Played, ShownPolicy
+from viewer.player import Played, ShownPolicy, shown_env
 from viewer.rerun_stream import RerunStream
 
 STEPS = 54
@@ -55,7 +56,7 @@ def game(tmp_path_factory: pytest.TempPathFactory) -> SimpleNamespace:
         room: Any = env.robot
         engine, body = room._engine, room.arms.body
         links = joints_of(engine, body)
-        with closing(RerunStream(env, config.play, live=False, save=path)) as stream:
+        with closing(RerunStream(env, live=False, save=path)) as stream:
             for step in islice(play([env], policy, [1]), STEPS):
                 stream.show(step, policy.values)
                 states = {
@@ -199,9 +200,8 @@ def test_a_robot_without_a_room_has_pictures_and_figures(tmp_path: Path) -> None
     config = finger_config()
     config = replace(config, play=replace(config.play, vector=False))
     with added(ROBOTS, FINGER), closing(make_env(config, training=False)) as env:
-        assert isinstance(env, GameEnv)
         policy = ShownPolicy.of_file(config, None, 1.0, 0)
-        stream = RerunStream(env, config.play, live=False, save=tmp_path / "finger.rrd")
+        stream = RerunStream(env, live=False, save=tmp_path / "finger.rrd")
         with closing(stream):
             for step in islice(play([env], policy, [1]), 3):
                 stream.show(step, policy.values)
@@ -216,7 +216,7 @@ def test_an_emulator_alone_has_no_keys(tmp_path: Path, emulator: Any) -> None:
     pytest.importorskip("rerun", reason="needs pip install 'ale-robot[viz]'")
     config = Played(env="ale").config()
     policy = ShownPolicy.of_file(config, None, 1.0, 0)
-    stream = RerunStream(emulator, config.play, live=False, save=tmp_path / "a.rrd")
+    stream = RerunStream(emulator, live=False, save=tmp_path / "a.rrd")
     with closing(stream):
         stream.show(next(play([emulator], policy, [1])), policy.values)
     found = recorded(tmp_path / "a.rrd")
@@ -224,11 +224,32 @@ def test_an_emulator_alone_has_no_keys(tmp_path: Path, emulator: Any) -> None:
     assert "Scalars:scalars" not in found["/keys/pressed"]
 
 
+def test_an_environment_from_outside_has_its_picture_and_numbers_of_actions(
+    tmp_path: Path,
+) -> None:
+    pytest.importorskip("rerun", reason="needs pip install 'ale-robot[viz]'")
+    values = np.array([0.5, 1.0, 0.25], np.float32)
+    with added(ENVIRONMENTS, LAMPS), shown_env(LAMPS_CONFIG) as env:
+        policy = ShownPolicy.of_file(LAMPS_CONFIG, None, 1.0, 0)
+        with closing(RerunStream(env, live=False, save=tmp_path / "l.rrd")) as stream:
+            for step in islice(play([env], policy, [1]), 3):
+                stream.show(step, values)
+        seen = env.seen
+    found = recorded(tmp_path / "l.rrd")
+    assert [found[f"/q/{action}"]["Scalars:scalars"][3] for action in range(3)] == [
+        [0.5], [1.0], [0.25]
+    ]  # fmt: skip
+    shown = picture(found["/game"]["EncodedImage:blob"], 3)
+    sizes = [cv2.resize(each, (16, 12), interpolation=cv2.INTER_AREA) for each in (shown, seen)]
+    assert np.abs(np.subtract(*sizes, dtype=float)).mean() < 8
+    assert found["game time"]["seconds"][3] == pytest.approx(3 / 5, abs=1e-8)  # by its metadata
+
+
 @pytest.mark.parametrize(("name", "said"), [("a.txt", "end in .rrd"), ("file/a.rrd", "cannot be")])
 def test_a_file_that_cannot_be(tmp_path: Path, emulator: Any, name: str, said: str) -> None:
     (tmp_path / "file").touch()
     with pytest.raises(InputError, match=said):
-        RerunStream(emulator, Played(env="ale").config().play, live=False, save=tmp_path / name)
+        RerunStream(emulator, live=False, save=tmp_path / name)
 
 
 @pytest.mark.parametrize("missing", ["rerun", "psutil_of_rerun"])
@@ -242,4 +263,4 @@ def test_the_package_that_is_missing_is_named(
         monkeypatch.setitem(sys.modules, "rerun", None)
     said = rf"needs the package {missing}, .*: pip install 'ale-robot\[viz\]'"
     with pytest.raises(InputError, match=said):
-        RerunStream(emulator, Played(env="ale").config().play, live=True, save=None)
+        RerunStream(emulator, live=True, save=None)

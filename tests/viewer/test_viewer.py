@@ -29,6 +29,7 @@ from common.run.presets import PRESETS
 from common.run.ranges import RandomiseConfig
 from common.run.stored_config import to_json
 from tests.actors.robots.latency_model.models import delay, saved
+from tests.extending.test_environment import LAMPS
 from tests.extending.whole_run import added
 from tests.viewer.commands import command
 from tests.viewer.rrd import recorded
@@ -225,6 +226,7 @@ def test_a_lost_life_ends_no_episode_that_is_shown(monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(AtariEnv, "close", lambda env: closed.append(env))
     play = replace(PRESETS["fast"].play, random_starts=0, minimal_actions=True)
     with shown_env(replace(PRESETS["fast"], game="breakout", play=play)) as env:
+        assert isinstance(env, AtariEnv)
         env.reset(seed=0)
         lives, terminated = env.emulator.lives, False
         for _ in range(500):  # the ball is launched, and nobody returns it
@@ -351,6 +353,19 @@ def test_check_of_the_emulator_alone(
     said = capsys.readouterr().out
     assert "breakout (ale)" in said
     assert "keys as commanded" not in said
+    assert size_of(path) == (384, 1024, 3)
+
+
+@pytest.mark.usefixtures("short")
+def test_check_of_an_environment_from_outside(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "check.png"
+    with added(ENVIRONMENTS, LAMPS):
+        assert command(monkeypatch, "check", "--env", "lamps", "-o", str(path)) == 0
+    said = capsys.readouterr().out
+    assert "lamps, 20 random agent steps" in said
+    assert said.count("│ green │") == 1
     assert size_of(path) == (384, 1024, 3)
 
 

@@ -1,8 +1,10 @@
 """What `ale-robot watch` shows, at every size of terminal."""
 
+import os
 import re
 import threading
 from dataclasses import replace
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -14,10 +16,22 @@ import viewer.watch
 from actors.envs.ale import AtariEnv
 from actors.envs.robot import RobotEnv
 from actors.envs.step_info import StepInfo
+from actors.loop import play
+from benchmarks.entry_point import add_entry_point
 from common.errors import InputError
+from common.network import build_network
+from common.protocol.weights import encode_weights
+from common.registry import ENVIRONMENTS, ROBOTS
 from common.run.conditions import PlayConfig
 from common.run.presets import PRESETS
+from tests.extending.test_environment import CONFIG as LAMPS_CONFIG
+from tests.extending.test_environment import LAMPS
+from tests.extending.test_robot import FINGER
+from tests.extending.test_robot import config as finger_config
+from tests.extending.whole_run import added
+from tests.paths import ROOT
 from tests.viewer.person import Person
+from viewer.player import ShownPolicy, shown_env
 from viewer.terminal.graphics import Graphics
 from viewer.watch import LEAST_SIZE, Watch, WatchScreen
 
@@ -195,6 +209,61 @@ def test_of_an_emulator_its_screen_and_the_input_are_shown() -> None:
     assert "38;2;200;200;200" in written
 
 
+def pixels(written: str, size: tuple[int, int]) -> NDArray[np.uint8]:
+    """The half blocks that were written into an empty terminal of ``size``."""
+    columns, rows = size
+    found = np.zeros((2 * rows, columns, 3), np.uint8)
+    number = r"\d+"
+    for row, column, cells in re.findall(
+        rf"\x1b\[({number});({number})H((?:\x1b\[38[\d;]*m▀+)+)", written
+    ):
+        at = int(column) - 1
+        for colours, blocks in re.findall(r"\x1b\[38;2;([\d;]+)m(▀+)", cells):
+            upper, lower = colours.split(";48;2;")
+            for line, colour in enumerate((upper, lower)):
+                place = 2 * (int(row) - 1) + line, slice(at, at + len(blocks))
+                found[place] = [int(each) for each in colour.split(";")]
+            at += len(blocks)
+    return found
+
+
+def test_of_an_environment_from_outside_its_picture_the_input_and_numbers_are_shown() -> None:
+    values = np.array([0.5, 1.0, 0.25], np.float32)
+    config = LAMPS_CONFIG
+    with added(ENVIRONMENTS, LAMPS), shown_env(config) as env:
+        steps = play([env], ShownPolicy.of_file(config, None, 1.0, 1), [1])
+        for step in islice(steps, 3):
+            screen = WatchScreen(env, config, "my_lamps")
+            size = (100, 30)
+            written = screen.draw(size, step._replace(a_tm1=2), values, [3.0])
+            picture = pixels(written, size)
+            (lit,) = {lamp for lamp in range(3) if step.s_t[-1][42, 28 * lamp + 14]}
+            for lamp in range(3):  # 69 columns of 52 pixels
+                colour = (250, 220, 0) if lamp == lit else (0, 0, 200)
+                assert picture[26, 11 + 23 * lamp].tolist() == list(colour)
+            assert (picture[:7, :69] == picture[0, 0]).all()
+            assert not (picture[26, :69] == picture[0, 0]).all(axis=1).any()
+            # The network's input beside it, from column 70 to 99.
+            assert [picture[4, 74 + 10 * lamp, 0] > 200 for lamp in range(3)].index(True) == lit
+            told = "\n".join(texts(written).values())
+            assert f"score {step.info.game_score:g}   step {step.info.game_steps}" in told
+            for words in ("↑ network's input", "q leaves; my_lamps plays lamps, 1 games over"):
+                assert words in told
+            assert re.search(r"^    0   0\.500 █+\n    1   1\.000 █+\n    2   0\.250", told, re.M)
+
+
+def test_of_a_robot_that_uses_no_camera_no_screen_is_found() -> None:
+    config = finger_config()
+    with added(ROBOTS, FINGER), shown_env(config) as env:
+        env.reset(seed=1)
+        step: Any = Step()
+        written = WatchScreen(env, config, "f").draw((80, 24), step, VALUES, [])
+    told = "\n".join(texts(written).values())
+    assert "camera not used" in told
+    assert "found" not in told
+    assert "plays pong (finger)" in told
+
+
 def test_without_a_terminal_it_is_refused_before_anything_is_built(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -220,4 +289,20 @@ def test_a_person_watches_and_leaves() -> None:
     person.sees(r"ale_pong_sticky plays pong \(ale\)")
     person.types(b"q")
     assert person.leaves() == 0
+    assert person.has_the_terminal_back()
+
+
+@pytest.mark.usefixtures("forks")
+def test_a_person_watches_an_environment_from_outside(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    add_entry_point(tmp_path, "l", "environment", "lamps", "tests.extending.test_environment:LAMPS")
+    monkeypatch.setenv("PYTHONPATH", f"{ROOT}{os.pathsep}{tmp_path}")
+    weights = tmp_path / "w.safetensors"
+    weights.write_bytes(encode_weights(build_network(LAMPS_CONFIG, 3), LAMPS_CONFIG))
+    person = Person("watch", str(weights), columns=300)  # the last line has the whole path
+    person.sees(r"plays lamps, 1 games over")
+    person.types(b"q")
+    assert person.leaves() == 0
+    person.sees(r"game 1: score \d+")
     assert person.has_the_terminal_back()

@@ -65,7 +65,7 @@ class LivePicture:
             yield Segment.line()
         keys = f"commanded {_names(view.wanted)}, pressed {_names(view.pressed)}"
         if view.found:
-            yield Segment(keys, dim)
+            yield Segment(keys if view.actions else "", dim)  # ALE's actions alone have keys
         else:
             yield Segment("the screen is not found", Style(color="red", bold=True))
         yield Segment.line()

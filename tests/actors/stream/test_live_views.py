@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from concurrent.futures import Future
 from dataclasses import replace
 from types import SimpleNamespace
+from typing import Any
 
 import cv2
 import numpy as np
@@ -12,6 +13,8 @@ import pytest
 from numpy.typing import NDArray
 
 from actors.envs.ale import AtariEnv
+from actors.envs.checked import CheckedEnv
+from actors.envs.game_env import GameEnv
 from actors.envs.robot import RobotEnv
 from actors.loop import Step, play
 from actors.member import Member
@@ -39,13 +42,13 @@ class Stage:
 
     def __init__(self, hub: Transport, client: Transport, *envs: Env) -> None:
         config = replace(PRESETS["fast"], play=PLAY)
+        shown = [env if isinstance(env, GameEnv) else CheckedEnv(env, config) for env in envs]
         network = build_network(config, 6)
         self.policy = Policy(network, 6, np.random.default_rng(0), envs=len(envs))
         self.policy.epsilon = 0.0
         member = Member("a", client, KEYS, config, PATIENCE, threading.Event())
-        self._envs = envs
-        self._views = LiveViews(member, "actor", envs, self.policy)
-        self._steps = play(envs, self.policy, [1] * len(envs))
+        self._views = LiveViews(member, "actor", shown, self.policy)
+        self._steps = play(shown, self.policy, [1] * len(envs))
         self._requester = hub.requester(KEYS.view("actor", "a"), PATIENCE)
 
     def ask(self, stream: int = 0, viewpoint: Viewpoint = "none") -> Future[Envelope]:
@@ -121,9 +124,50 @@ def test_each_environment_of_an_actor_is_shown(hub: Transport, client: Transport
     assert (view.wanted, view.pressed) == (keys, keys)
     assert (view.streams, view.room, view.border) == (2, b"", ())
     other = LiveView.decode(numbered.result().payload)
-    assert (other.picture, other.actions, other.wanted) == (b"", (), 0)
+    assert (other.actions, other.wanted) == ((), 0)
     assert decoded(other.frame).shape == (84, 84, 3)
+    assert difference(other.frame, decoded(other.picture)[:, 14:98]) < 1  # without margins
     assert len(other.values) == 6
+
+
+class Rendering(NumberedEnv):
+    """Renders the number of its steps, unless ``fault`` hinders it."""
+
+    render_mode = "rgb_array"
+    fault: Exception | None = None
+
+    def render(self) -> Any:
+        if self.fault is not None:
+            raise self.fault
+        return np.full((30, 40, 3), len(self.moments), np.uint8)
+
+
+def test_an_environment_from_outside_shows_what_it_renders(
+    hub: Transport, client: Transport
+) -> None:
+    stage = Stage(hub, client, Rendering([GOES_ON]))
+    answer = stage.ask()
+    for _ in stage.steps(answer):
+        pass
+    view = LiveView.decode(answer.result().payload)
+    assert difference(view.picture, np.full((30, 40, 3), view.steps)) < 2
+
+
+def test_an_actor_that_cannot_render_plays_on(
+    hub: Transport, client: Transport, capsys: pytest.CaptureFixture[str]
+) -> None:
+    env = Rendering([GOES_ON])
+    env.fault = RuntimeError("no display")
+    stage = Stage(hub, client, env)
+    for _ in range(2):
+        answer = stage.ask()
+        for _ in stage.steps(answer):
+            pass
+        view = LiveView.decode(answer.result().payload)
+        assert view.picture == b""
+        assert decoded(view.frame).shape == (84, 84, 3)
+    told = "a: no picture is shown: the environment gives none (RuntimeError('no display')).\n"
+    assert capsys.readouterr().err == told  # once
 
 
 def test_nothing_is_drawn_while_nobody_looks(

@@ -232,6 +232,8 @@ function showView(view, asked) {
   }
   if (!view.found) silent("The screen is not found in this picture.");
   $("score").replaceChildren(`score ${minus(String(view.score))}`, element("small", `step ${view.steps}`));
+  // Actions that are not ALE's have no keys.
+  $("keys").parentElement.style.visibility = view.keys.length ? "" : "hidden";
   for (const key of $("keys").children) {
     const bit = +key.dataset.key;
     key.classList.toggle("pressed", (view.pressed & bit) > 0);

@@ -93,6 +93,9 @@ def test_it_tells_score_keys_and_what_the_actor_takes() -> None:
     assert "commanded fire, pressed up+down" in text
     assert "98 % CPU, 300 MB on host-7" in text
     assert "the screen is not found" in "\n".join(drawn(replace(VIEW, found=False)))
+    without_keys = "\n".join(drawn(replace(VIEW, actions=())))
+    assert "commanded" not in without_keys
+    assert "98 % CPU, 300 MB on host-7" in without_keys
 
 
 def colours(view: LiveView) -> list[list[tuple[int, ...]]]:
