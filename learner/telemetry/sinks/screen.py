@@ -1,7 +1,9 @@
 """The one screen of a run: its figures, laid out for the terminal's size.
 
 Everything important fits 80 × 24. A larger terminal shows more figures, actors and events, and then
-a taller chart. Nothing wraps, so the number of lines is known before they are drawn.
+a taller chart. A narrower one has the same figures down to 60 columns, in two panels side by side,
+and lists health checks if lines are left. Nothing wraps, so the number of lines is known before
+they are drawn.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -31,10 +33,14 @@ _ROOMY = 108
 
 _LEAST, _GAP = 80, 3
 """Minimum number of columns of the figures beside a picture, and columns between the two."""
+_NARROW = _LEAST - _ECHO
+"""Number of columns below which three panels have no room side by side."""
 _MACHINES = 124
 """Minimum number of columns for the actors' use of their machines."""
 _ROWS = 23
 """Lines at 80 × 24; one line is left for the cursor."""
+_FIGURES = 6
+"""Lines for the figures of a panel."""
 _LIST_ROWS = 7
 """Lines for actors, and for health checks beside them."""
 _LARGE = 35
@@ -58,6 +64,8 @@ class Screen:
             beside = _grid(Column(width=left), Column(width=picture), gap=_GAP)
             beside.add_row(Group(*_parts(self._snapshot, left, rows)), self._picture)
             parts = beside
+        elif width < _NARROW:
+            parts = Group(*_parts_in_pairs(self._snapshot, width, rows))
         else:
             parts = Group(*_parts(self._snapshot, width, rows))
         lines = console.render_lines(parts, options.update(width=width), pad=False)
@@ -82,7 +90,7 @@ def _parts(snapshot: Snapshot, width: int, rows: int) -> Iterable[RenderableType
     large = rows >= _LARGE
     spare = max(rows - (_LARGE if large else _ROWS), 0)
     panels = panels_of(snapshot.values)
-    figures = 6
+    figures = _FIGURES
     if large:
         figures = min(max(8, *map(len, panels.values())), 8 + spare)
         spare -= figures - 8
@@ -94,17 +102,42 @@ def _parts(snapshot: Snapshot, width: int, rows: int) -> Iterable[RenderableType
     page = _page(snapshot.values)
     yield _header(snapshot.values, width)
     yield from [page] if large else []
-    yield _progress(snapshot.values)
+    yield _progress(snapshot.values, width)
     yield from gap
-    yield _figures(panels, snapshot.values, figures)
+    yield _beside(*_figures(panels, snapshot.values, figures))
     yield from gap
     yield from _history(snapshot, width, 5 + taller if large else 1)
     yield Text() if large else page
-    yield _actors_and_checks(snapshot, width, _LIST_ROWS + more_rows)
+    listed = _LIST_ROWS + more_rows
+    yield _beside(_actors(snapshot, listed, width), _checks(snapshot, listed), last_width=40)
     if large:
         yield Text()
         yield _title("Events")
     yield _events(snapshot, 2 + spare - more_rows - taller)
+
+
+def _parts_in_pairs(snapshot: Snapshot, width: int, rows: int) -> Iterable[RenderableType]:
+    spare = max(rows - _ROWS, 0)
+    checks = min(len(snapshot.checks), spare)
+    more_actors = min(max(len(snapshot.present) - _FIGURES, 0), spare - checks)
+    *panels, last = _figures(panels_of(snapshot.values), snapshot.values, _FIGURES)
+    yield _header(snapshot.values, width)
+    yield _progress(snapshot.values, width)
+    yield _beside(*panels)
+    yield from _history(snapshot, width, 1)
+    yield _page(snapshot.values)
+    yield _beside(last, _actors(snapshot, _FIGURES + more_actors, width))
+    yield _checks(snapshot, checks)
+    yield _events(snapshot, 2 + spare - checks - more_actors)
+
+
+def _beside(*parts: RenderableType, last_width: int | None = None) -> Table:
+    columns = [Column(ratio=1) for _ in parts]
+    if last_width is not None:
+        columns[-1] = Column(width=last_width)
+    grid = _grid(*columns, gap=3)
+    grid.add_row(*parts)
+    return grid
 
 
 def _text(text: str, style: str = "", *, end: str = "") -> Text:
@@ -130,7 +163,8 @@ def _header(values: Values, width: int) -> Table:
     title.append(f"  run {values['run/run']}", "default")
     grid = _grid(Column(ratio=1), Column(justify="right"))
     device = formats.hardware(values) if width >= _ROOMY else values["run/device"]
-    grid.add_row(title, _text(f"{values['run/preset']} preset · {device}", _LABEL))
+    where = "" if width < _NARROW else f" · {device}"
+    grid.add_row(title, _text(f"{values['run/preset']} preset{where}", _LABEL))
     return grid
 
 
@@ -140,38 +174,41 @@ def _page(values: Values) -> Text:
     return Text() if page is None else _text(f"watch the run at {page}", _ACCENT, end="\n")
 
 
-def _progress(values: Values) -> Table:
-    grid = _grid(
-        Column(min_width=9),
-        Column(ratio=1),
+def _progress(values: Values, width: int) -> Table:
+    narrow = width < _NARROW
+    columns = [
+        Column(min_width=9, ratio=1 if narrow else None),
         Column(justify="right", min_width=5),
-        Column(justify="right", min_width=12),
+        Column(justify="right", min_width=None if narrow else 12),
         Column(justify="left"),
         Column(justify="right", min_width=14),
-    )
+    ]
+    if not narrow:
+        columns.insert(1, Column(ratio=1))
+    grid = _grid(*columns)
     for label, done, total, note in progress_of(values):
         now, goal = number(values, done) or 0, number(values, total)
         bar: RenderableType = _text("until stopped", _LABEL)
+        share, end = "", "steps"
         if goal is not None:
             bar = ProgressBar(
                 max(goal, 1), min(now, goal), complete_style=_ACCENT, finished_style=_ACCENT
             )
-        grid.add_row(
-            _text(label, "bold"),
-            bar,
-            "" if goal is None else formats.share(now, goal),
+            share = formats.share(now, goal)
+            end = f"of {figure(total, values)}{'' if narrow else ' steps'}"
+        cells: list[RenderableType] = [
+            share,
             figure(done, values),
-            _text("steps" if goal is None else f"of {figure(total, values)} steps", _LABEL),
+            _text(end, _LABEL),
             _text(note, _LABEL),
-        )
+        ]
+        grid.add_row(_text(label, "bold"), *([] if narrow else [bar]), *cells)
     return grid
 
 
-def _figures(panels: Mapping[str, Sequence[Metric]], values: Values, rows: int) -> Table:
-    """Returns the panels side by side, with the first ``rows`` metrics of each."""
-    grid = _grid(*(Column(ratio=1) for _ in panels), gap=3)
-    grid.add_row(*(_panel(*panel, values, rows) for panel in panels.items()))
-    return grid
+def _figures(panels: Mapping[str, Sequence[Metric]], values: Values, rows: int) -> list[Group]:
+    """Returns the panels, with the first ``rows`` metrics of each."""
+    return [_panel(*panel, values, rows) for panel in panels.items()]
 
 
 def _panel(title: str, metrics: Sequence[Metric], values: Values, rows: int) -> Group:
@@ -213,21 +250,17 @@ def _history(snapshot: Snapshot, width: int, rows: int) -> Iterable[RenderableTy
         yield line
 
 
-def _actors_and_checks(snapshot: Snapshot, width: int, rows: int) -> Table:
+def _actors(snapshot: Snapshot, rows: int, width: int) -> Group:
     alive, present = (number(snapshot.values, f"stream/actors_{n}") for n in ("alive", "present"))
-    grid = _grid(Column(ratio=1), Column(width=40), gap=3)
     wrong = troubles(snapshot.values)
     title = f"Actors {alive}/{present}{wrong}" if wrong else f"Actors, {alive} of {present} alive"
-    actors = _actors(snapshot.present, rows, width, values=snapshot.values)
+    actors = _list_of_actors(snapshot.present, rows, width, values=snapshot.values)
     for _ in range(rows - actors.row_count):
         actors.add_row("")
-    heading = _title(f"Health checks, {snapshot.verdict}")
-    checks = _checks(snapshot.checks, rows)
-    grid.add_row(Group(_title(title), actors), Group(heading, checks))
-    return grid
+    return Group(_title(title), actors)
 
 
-def _actors(actors: Sequence[ActorView], rows: int, width: int, values: Values) -> Table:
+def _list_of_actors(actors: Sequence[ActorView], rows: int, width: int, values: Values) -> Table:
     roomy, machines = width >= _ROOMY, width >= _MACHINES
     if not actors:
         grid = _grid(Column(ratio=1))
@@ -266,7 +299,8 @@ def _actors(actors: Sequence[ActorView], rows: int, width: int, values: Values) 
     return grid
 
 
-def _checks(checks: Sequence[HealthCheck], rows: int) -> Table:
+def _checks(snapshot: Snapshot, rows: int) -> Group:
+    checks: Sequence[HealthCheck] = snapshot.checks
     grid = _grid(Column(width=1), Column(ratio=1), Column(justify="right"), Column(justify="right"))
     marks = {True: ("✓", _GOOD), False: ("✗", _BAD), None: ("·", _LABEL)}
     if len(checks) > rows:
@@ -279,7 +313,7 @@ def _checks(checks: Sequence[HealthCheck], rows: int) -> Table:
             _text(formats.written("significant", check.value), style),
             _text(check.bound, _LABEL),
         )
-    return grid
+    return Group(_title(f"Health checks, {snapshot.verdict}"), grid)
 
 
 def _events(snapshot: Snapshot, rows: int) -> Table:

@@ -127,7 +127,7 @@ def drawn(status: Snapshot, width: int = 80, height: int = 24) -> list[str]:
 
 
 @pytest.mark.parametrize("status", [STATUS, EMPTY], ids=["full", "empty"])
-@pytest.mark.parametrize("width", [20, 79, 80, 107, 120, 300])
+@pytest.mark.parametrize("width", [20, 60, 79, 80, 107, 120, 300])
 @pytest.mark.parametrize("height", [2, 10, 24, 25, 31, 40, 70])
 def test_screen_stays_within_the_terminal(status: Snapshot, width: int, height: int) -> None:
     crowded = replace(status, actors=actors(30), checks=checks(0.3), notes=("a note " * 50,) * 20)
@@ -144,7 +144,7 @@ def test_a_run_without_actors_tells_how_to_start_one() -> None:
     assert "start one" not in "\n".join(drawn(STATUS))
 
 
-@pytest.mark.parametrize("size", [(80, 24), (120, 40), (200, 50)])
+@pytest.mark.parametrize("size", [(60, 24), (80, 24), (120, 40), (200, 50)])
 @pytest.mark.parametrize("status", [STATUS, EMPTY], ids=["full", "empty"])
 def test_the_address_of_the_page_stays_on_the_screen(
     status: Snapshot, size: tuple[int, int]
@@ -247,6 +247,44 @@ def test_every_figure_is_there_at_80_by_24() -> None:
         r"actor-3 was lost, restarted",
     ):
         assert re.search(pattern, text), pattern
+
+
+@pytest.mark.parametrize("width", [60, 79])
+def test_every_figure_is_there_at_60_by_24(width: int) -> None:
+    lines = drawn(STATUS, width)
+    text = "\n".join(lines)
+    assert "…" not in text.replace("20.1 … 18.4", "")
+    for pattern in (
+        r"ALE-Robot +pong +run pong-robot-3 +robot preset",
+        r"Epoch 42 +61 % +152,560 of 250,000 +14:32 left",
+        r"Run +20 % +10,402,560 of 50,000,000 +2 d 04:07 so far",
+        r"Replay +30 % +300,000 of 1,000,000",
+        r"test, epoch 41 +18\.42 +mean max-Q +1\.393",
+        r"press p50/99 +50/67 ms +exploration ε +0\.100",
+        r"test −20\.1 … 18\.4 +▁",
+        r"Stream ─.* Actors, 3 of 4 alive ─",
+        r"steps/s +186\.3 +○ actor-3 +312,459 +lost",
+        r"samples/insert +8\.00 → 8 +● actor-0 +312,456 46\.6/s",
+        r"duplicate +0",
+        r"Health checks, 1 open, 6 green",
+        r"checkpoint written",
+        r"actor-3 was lost, restarted",
+    ):
+        assert re.search(pattern, text), pattern
+    assert len(lines) == 23
+    endless = changed(STATUS, {"run/steps_goal": None})
+    assert re.search(r"Run +10,402,560 steps +2 d", "\n".join(drawn(endless, width)))
+
+
+@pytest.mark.parametrize(("height", "checked", "shown"), [(24, 0, 5), (28, 4, 5), (33, 7, 8)])
+def test_a_taller_narrow_screen_shows_checks_and_then_more_actors(
+    height: int, checked: int, shown: int
+) -> None:
+    crowded = replace(STATUS, actors=actors(8))
+    text = "\n".join(drawn(crowded, 60, height))
+    assert len(re.findall(r"^[✓·] ", text, re.MULTILINE)) == checked
+    assert len(re.findall(r"[●○] actor-\d", text)) == shown
+    assert "actor-3 was lost, restarted" in text
 
 
 @pytest.mark.parametrize(("height", "shown"), [(24, 6), (36, 8), (38, 10), (45, 10)])
