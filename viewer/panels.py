@@ -23,6 +23,7 @@ from actors.vision.layout import border_of
 from actors.vision.screen_detector import Detection
 from common.actions import Keys
 from common.errors import InputError
+from common.minus import points
 from viewer import overlay
 
 PANEL = (512, 384)
@@ -138,7 +139,8 @@ def network_panel(
     overlay.caption(panel, "network's input, 84 x 84")
     left = _INPUT + 20
     overlay.write(panel, task.replace("_", " ").upper()[:16], (left, 24))
-    overlay.write(panel, f"score {step.info.game_score:g}", (left, 48))
+    score = points(step.info.game_score).replace("−", "-")  # overlay writes ASCII
+    overlay.write(panel, f"score {score}", (left, 48))
     overlay.write(panel, f"step  {step.info.game_steps}", (left, 70))
     heading = "random play" if values is None else "Q-values"
     overlay.write(panel, heading, (left, 98), colour=overlay.GREY)

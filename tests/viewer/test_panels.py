@@ -174,6 +174,18 @@ def test_the_network_gets_what_is_shown_enlarged() -> None:
     assert 104 + 4 * 15 <= yellow.min() <= yellow.max() < 104 + 5 * 15
 
 
+@pytest.mark.parametrize(("score", "told"), [(-3.0, "-3"), (1_234_567.0, "1234567")])
+def test_a_score_is_written_in_full(
+    monkeypatch: pytest.MonkeyPatch, score: float, told: str
+) -> None:
+    written: list[str] = []
+    monkeypatch.setattr(overlay, "write", lambda _, text, *__, **___: written.append(text))
+    step = stepped(np.zeros((4, 84, 84), np.uint8))
+    step = step._replace(info=step.info._replace(game_score=score))
+    network_panel("pong", step, ALL, None)
+    assert f"score {told}" in written
+
+
 def test_what_was_found_is_drawn_where_it_is() -> None:
     panel = camera(CORNERS, True)
     scale = WIDTH / 320
