@@ -4,7 +4,8 @@ import json
 import sys
 import textwrap
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -204,11 +205,14 @@ def ask(
 def main(arguments: Sequence[str] | None = None) -> int:
     """Prints the status of a run; returns the exit code, which says whether the run is healthy."""
     given = sys.argv[1:] if arguments is None else arguments
-    if given and not given[0].startswith("-"):  # a run's folder does not tell the run's address
-        raise InputError(
-            f"status asks a running learner, not {given[0]}: give the learner's address with "
-            f"--connect, or nothing if it is {DEFAULT_ENDPOINT}."
-        )
+    valued = {f"--{field.name}" for field in fields(StatusOptions) if field.type is not bool}
+    for flag, word in pairwise(["", *given]):
+        # As a run's folder, which does not tell the run's address.
+        if not word.startswith("-") and flag not in valued:
+            raise InputError(
+                f"status asks a running learner, not {word}: give the learner's address with "
+                f"--connect, or nothing if it is {DEFAULT_ENDPOINT}."
+            )
     options = parse(StatusOptions, "learner.status", given)
     with connect(
         options.connect, options.patience, role="learner", certificates=options.certificates

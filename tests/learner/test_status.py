@@ -173,12 +173,15 @@ def test_processes_that_have_not_joined_yet_have_a_row(client: Transport) -> Non
     assert rows == [["2 local"], []]
 
 
-def test_what_is_no_flag_is_told_how_a_learner_is_asked() -> None:
+@pytest.mark.parametrize(
+    "arguments", ["runs/r", "--json runs/r", "--connect tcp/h:1 runs/r", "runs/r runs/s --json"]
+)
+def test_what_is_no_flag_is_told_how_a_learner_is_asked(arguments: str) -> None:
     words = (
         r"^status asks a running learner, not runs/r: give .* with --connect, or nothing if .*\.$"
     )
     with pytest.raises(InputError, match=words):
-        main(["runs/r"])
+        main(arguments.split())
 
 
 def test_what_liars_count_hides_nothing(client: Transport) -> None:
