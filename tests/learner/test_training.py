@@ -688,6 +688,30 @@ def test_actors_that_left_at_the_goal_are_not_ahead_of_the_count() -> None:
     assert found == [False, True]
 
 
+@pytest.mark.parametrize(
+    ("goal", "said"),
+    [
+        (900, ["The run has its 900 steps already: give more --steps, or omit the flag, to train "
+               "on."]),
+        (None, ["stopping: writing a checkpoint ..."]),
+    ],
+)  # fmt: skip
+def test_a_run_that_goes_on_at_its_goal_says_so(goal: int | None, said: list[str]) -> None:
+    world = World()
+    run(world, steps_goal=900)
+    assert world.said == []
+    again = World(chunks=world.chunks, evaluators=set())
+    again.rows, again.first = world.rows, len(world.credited)
+    again.stops_at(1)
+    learner = again.learner(goal)
+    learner.restore(world.checkpoints[-1])
+    again.said.clear()
+    learner.start()
+    learner.run()
+    assert again.said == said
+    assert again.updates == (goal is None)
+
+
 def test_updates_wait_for_the_steps_of_the_goal() -> None:
     world = World(chunk_steps=1)
     run(world, steps_goal=500)
