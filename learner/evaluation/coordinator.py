@@ -134,7 +134,14 @@ class EvaluationCoordinator:
                 "train_steps": test.total_train_steps,
                 "updates": test.weight_updates,
             }
-            self.snapshots.keep_as_best(test.epoch, card)
+            try:
+                self.snapshots.keep_as_best(test.epoch, card)
+            except FileNotFoundError:  # or the run would end here
+                _log.warning(
+                    "the weights of epoch %d, the best so far, are not kept: their snapshot is "
+                    "missing",
+                    test.epoch,
+                )
         self._unneeded.append(test.epoch)
 
     def finish(self) -> None:

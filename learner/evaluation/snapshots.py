@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from common.atomic_file import write_atomically
+from common.checked import Score, build
 from common.regular_file import read_file
 from common.run.folder import epoch_name
 
@@ -42,7 +43,7 @@ class Snapshots:
     def best_score(self) -> float | None:
         """Returns the mean score of ``best.safetensors``; None if its card is missing or broken."""
         try:
-            return float(json.loads(read_file(self._folder / "best.json"))["mean_score"])
+            return build(Score, json.loads(read_file(self._folder / "best.json"))["mean_score"])
         except (OSError, ValueError, TypeError, KeyError, RecursionError):
             return None
 

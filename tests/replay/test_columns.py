@@ -5,6 +5,7 @@ import shutil
 from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from common.errors import InputError
@@ -49,6 +50,16 @@ def test_files_may_be_closed_while_their_bytes_are_counted(
 
     monkeypatch.setattr(os, "stat", close_and_stat)
     assert columns.file_bytes == expected > 0
+
+
+def test_rows_are_whole_where_the_system_writes_a_part_at_a_time(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    columns, pwrite = Columns(tmp_path, 5, 0), os.pwrite
+    monkeypatch.setattr(os, "pwrite", lambda file, data, at: pwrite(file, data[:3], at))
+    columns.write("rewards", 8, np.arange(1, 5, dtype=np.float32))  # around the end
+    assert columns.rows["rewards"].tolist() == [3, 4, 0, 1, 2]
+    columns.close()
 
 
 @pytest.mark.parametrize(("total", "fits"), [(4_096_000, False), (0, True)])

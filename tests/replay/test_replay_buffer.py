@@ -407,21 +407,23 @@ def test_steps_without_a_finite_priority_are_not_drawn_again_and_their_actor_is_
     actors = [Actor(name, 4) for name in "abc"]
     for actor in actors:
         buffer.insert(actor.live([GOES_ON] * 9 + [TERMINATES], rng))
-    buffer.update_priorities(np.array([3, 18, 3, 14]), np.array([bad, bad, bad, 1], np.float32))
-    assert caplog.messages == ["steps 3, 18 of a, b are not drawn again: their loss is not finite"]
+    buffer.update_priorities(np.array([0, 18, 0, 14]), np.array([bad, bad, bad, 1], np.float32))
+    assert caplog.messages == ["steps 0, 18 of a, b are not drawn again: their loss is not finite"]
     # Nor when a chunk after theirs lets its last steps be looked at once more.
     buffer.insert(actors[1].live([GOES_ON] * 10, rng))
     batch = buffer.sample(0, 0.0)
     assert batch is not None
-    assert set(range(37)) - set(batch.ids.tolist()) == {3, 18}
+    assert set(range(37)) - set(batch.ids.tolist()) == {0, 18}
     assert buffer.progress(0).samplable == 35
-    buffer.update_priorities(np.array([3]), np.array([bad], np.float32))
+    buffer.update_priorities(np.array([0]), np.array([bad], np.float32))
     assert len(caplog.messages) == 1
     while buffer.progress(0).accepted < 20:  # the ring turns
         buffer.insert(actors[2].live([GOES_ON] * 10, rng))
     batch = buffer.sample(0, 0.0)
     assert batch is not None
     assert batch.ids.min() > 64
+    buffer.update_priorities(batch.ids[:1], np.array([bad], np.float32))
+    assert buffer._store._quarantined == {batch.ids[0]}  # those that are gone take no memory
 
 
 def test_the_journal_stays_short_and_forgets_nothing(tmp_path: Path) -> None:

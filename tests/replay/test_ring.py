@@ -176,7 +176,11 @@ def test_each_reward_is_clipped_before_it_is_summed(tmp_path: Path) -> None:
     assert batch.r_t.tolist() == [-1 + 0.5 * 0.5, 0.5 + 0.5 * 1]
 
 
-def test_steps_are_complete_when_their_return_is(tmp_path: Path) -> None:
+@pytest.mark.parametrize("block", [3, 65_536])
+def test_steps_are_complete_when_their_return_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, block: int
+) -> None:
+    monkeypatch.setattr("replay.ring._BLOCK", block)
     ring = make_ring(tmp_path, n_step=2)
     place = put(ring, with_rewards([GOES_ON, TRUNCATES, GOES_ON, GOES_ON, GOES_ON], [0] * 5))
     everything = np.arange(place.base, place.end)

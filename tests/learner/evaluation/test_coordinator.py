@@ -317,11 +317,26 @@ def test_the_best_snapshot_stays_where_the_table_has_lost_its_test(tmp_path: Pat
         coordinator.settle(replace(epoch_test(epoch), scores=[score]), before)
         expected = b"weights of 1" if epoch < 3 else b"weights of 3"
         assert (tmp_path / "best.safetensors").read_bytes() == expected
-    for epoch, damage in ((5, "{"), (6, "[" * 100_000)):
+    damages = ("{", "[" * 100_000, '{"mean_score": NaN}', '{"mean_score": 1%s}' % ("0" * 400))
+    for epoch, damage in enumerate(damages, start=5):
         (tmp_path / "best.json").write_text(damage)
         coordinator.add(epoch_test(epoch), f"weights of {epoch}".encode())
         coordinator.settle(replace(epoch_test(epoch), scores=[1.0]), None)
         assert (tmp_path / "best.safetensors").read_bytes() == f"weights of {epoch}".encode()
+
+
+def test_best_weights_that_somebody_removed_end_no_run(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    coordinator = Place(tmp_path).coordinator
+    coordinator.add(epoch_test(1), b"w")
+    coordinator.snapshots.file(1).unlink()
+    coordinator.settle(replace(epoch_test(1), scores=[1.0]), None)
+    coordinator.sweep()
+    assert caplog.messages == [
+        "the weights of epoch 1, the best so far, are not kept: their snapshot is missing"
+    ]
+    assert not list(tmp_path.iterdir())
 
 
 def test_all_snapshots_are_kept_where_that_is_asked_for(tmp_path: Path) -> None:
