@@ -97,7 +97,7 @@ class Journal:
         write_atomically(self._path, b"".join(map(_line, entries)))
         self.close()
         self._file = os.open(self._path, os.O_WRONLY | os.O_APPEND | os.O_NOFOLLOW)
-        self.size, self._torn = os.fstat(self._file).st_size, False
+        self.size = os.fstat(self._file).st_size
 
     def sync(self) -> None:
         """Puts all lines on the disk. Other threads may append, or close, meanwhile."""

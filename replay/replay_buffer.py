@@ -157,7 +157,7 @@ class ReplayBuffer:
                     self._turns.open()
                     self.released()
             self._state.wait_for(lambda: self._closed or self._may_sample(drawn), timeout)
-            if self._closed or not self._may_sample(drawn):
+            if not self._may_sample(drawn):
                 return None
         return self._gather(self._draw, read)
 

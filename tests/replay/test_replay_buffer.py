@@ -3,7 +3,9 @@ import dataclasses
 import json
 import os
 import threading
+from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +20,7 @@ from common.errors import InputError, MessageError
 from common.protocol.chunk import Chunk, Game
 from common.run.config import RunConfig
 from replay.batch import Batch
+from replay.journal import Entry, Journal
 from replay.replay_buffer import ReplayBuffer
 from replay.ring import Ring
 from tests.patience import PATIENCE
@@ -621,6 +624,18 @@ def test_ids_of_damaged_chunks_are_not_used_again(tmp_path: Path, whole: int) ->
     buffer.close()
 
 
+def test_who_claims_to_go_on_after_an_end_has_its_own_frames_before(tmp_path: Path) -> None:
+    buffer, rng = ReplayBuffer(make_config(), tmp_path), np.random.default_rng(0)
+    buffer.insert(Actor("a", 4).live([GOES_ON, TERMINATES], rng))
+    other = Actor("a", 4, first_number=10)
+    other.live([GOES_ON] * 3, rng)
+    buffer.insert(other.live([GOES_ON] * 4, rng))
+    found = buffer._store.ring.states(np.array([2 + 3]))
+    assert found is not None
+    assert [number_of(frame) for frame in found[0][0]] == [11, 12, 13, 14]
+    buffer.close()
+
+
 def test_a_run_that_goes_on_draws_otherwise_than_at_its_start(tmp_path: Path) -> None:
     actor, rng, drawn = Actor("0", 4), np.random.default_rng(0), []
     for _ in range(3):
@@ -705,6 +720,26 @@ def test_refusals_do_not_grow_the_journal(tmp_path: Path) -> None:
         buffer.refuse()
     assert (tmp_path / "journal.jsonl").read_bytes().count(b"\n") < 1_100
     assert buffer.progress(0).refused == 3_000
+    buffer.close()
+    buffer.refuse()  # by a request that was under way
+
+
+def test_a_long_journal_is_rewritten_when_it_has_doubled(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("replay.store._SPARE_BYTES", 0)
+    buffer, actor = ReplayBuffer(make_config(capacity=300), tmp_path), Actor("a", 4)
+    rewrite, sizes, rng = Journal.rewrite, list[int](), np.random.default_rng(0)
+
+    def noted(journal: Journal, entries: Iterable[Entry]) -> None:
+        rewrite(journal, entries)
+        sizes.append(journal.size)
+
+    monkeypatch.setattr(Journal, "rewrite", noted)
+    for _ in range(256):
+        buffer.insert(actor.live([GOES_ON], rng))
+    assert all(later > 1.9 * size for size, later in pairwise(sizes))
+    assert len(sizes) > 4
     buffer.close()
 
 

@@ -308,6 +308,14 @@ def test_a_poll_waits_for_the_learner_and_holds_up_no_insert(place: Place) -> No
     assert not ack.throttle
 
 
+def test_who_polls_again_before_its_answer_has_both(place: Place) -> None:
+    chunk = Actor("a", 4).live([GOES_ON] * 100, np.random.default_rng(0))
+    assert insert(place.client, chunk).throttle
+    polls = place.client.requester(KEYS.insert("a"), PATIENCE)
+    asked = [polls.request(b"") for _ in range(2)]
+    assert all(Ack.decode(each.result().payload).throttle for each in asked)
+
+
 def test_an_actor_that_ignores_the_throttle_takes_nobodys_turn(
     place: Place, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:

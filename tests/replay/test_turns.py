@@ -89,6 +89,16 @@ def test_what_comes_while_the_limiter_stays_open_counts_a_window_at_most(turns: 
     assert turns.admits("fast")
 
 
+def test_what_comes_while_the_limiter_stays_open_pays_nothing_back(turns: Turns) -> None:
+    turns.charge("long", 640, still_open=False)
+    turns.charge("long", 64, still_open=True)
+    for _ in range(6):
+        turns.open()
+    assert not turns.admits("long")  # 640 - 6 * 64 = 4 * 64
+    turns.open()
+    assert turns.admits("long")
+
+
 def test_a_new_actor_waits_for_the_next_opening(turns: Turns) -> None:
     assert not turns.has_turn("new")
     turns.open()
