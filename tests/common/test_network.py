@@ -184,11 +184,14 @@ def test_frames_that_are_pixels_already_give_the_same_values(center: bool) -> No
 
 
 @pytest.mark.parametrize("dtype", [torch.float32, torch.bfloat16])
-def test_pixels_keep_their_values(dtype: torch.dtype) -> None:
+def test_pixels_keep_their_values_in_the_layout_of_the_first_weights(dtype: torch.dtype) -> None:
     every = torch.arange(256, dtype=torch.uint8).reshape(1, 4, 8, 8)
-    found = network_of().as_pixels(every, dtype)
+    network = network_of()
+    found = network.as_pixels(every, dtype)
     assert found.dtype == dtype
     assert (found == every).all()
+    for each in (found, *network.convolutions[0].parameters()):
+        assert each.ndim == 1 or each.is_contiguous(memory_format=torch.channels_last)
 
 
 @pytest.mark.parametrize("dtype", [torch.float32, torch.bfloat16])

@@ -5,7 +5,7 @@ import torch
 from learner.algorithm.interface import Algorithm, DeviceBatch, Update
 
 
-def random_batch(size: int = 8, actions: int = 6, seed: int = 0) -> DeviceBatch:
+def random_batch(size: int = 8, actions: int = 6, seed: int = 0, width: int = 0) -> DeviceBatch:
     generator = torch.Generator().manual_seed(seed)
 
     def frames() -> torch.Tensor:
@@ -18,8 +18,8 @@ def random_batch(size: int = 8, actions: int = 6, seed: int = 0) -> DeviceBatch:
         discount_t=torch.full((size,), 0.9),
         s_t=frames(),
         weights=torch.ones(size),
-        x_tm1=torch.zeros(size, 0),
-        x_t=torch.zeros(size, 0),
+        x_tm1=torch.randn(size, width, generator=generator),
+        x_t=torch.randn(size, width, generator=generator),
     )
 
 

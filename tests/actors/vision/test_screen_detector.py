@@ -275,8 +275,8 @@ def test_a_moved_camera_is_followed(screens: Screens) -> None:
     detector = ScreenDetector()
     for _ in range(6):
         pose = _random_pose(rng)
-        detection = detector.detect(
-            _digital(_photograph(pose, screens["space_invaders"]), rng, 2.0)
-        )
+        picture = _digital(_photograph(pose, screens["space_invaders"]), rng, 2.0)
+        detection, new = detector.detect(picture), ScreenDetector().detect(picture)
         assert detection.valid
         assert _error(detection.corners, pose) <= 1.5
+        assert np.corrcoef(detection.frame.ravel(), new.frame.ravel())[0, 1] > 0.99

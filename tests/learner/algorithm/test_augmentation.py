@@ -1,9 +1,17 @@
 """Random shift, against NumPy's padding and plain slicing."""
 
+from dataclasses import replace
+
 import numpy as np
+import pytest
 import torch
 
+from common.network import build_network
+from common.run.config import LearningConfig
+from common.run.presets import PRESETS
 from learner.algorithm.augmentation import RandomShift
+from learner.algorithm.interface import build_algorithm
+from learner.device import Device
 from tests.learner.small_batches import random_batch
 
 
@@ -32,14 +40,15 @@ def test_each_state_is_a_window_of_its_padded_self_and_all_windows_come() -> Non
 def test_a_run_that_goes_on_draws_other_shifts_than_at_its_start() -> None:
     frames = torch.randint(256, (32, 1, 84, 84), dtype=torch.uint8)
 
-    def shifted(updates: int) -> torch.Tensor:
-        shift = RandomShift(4, seed=1)
+    def shifted(updates: int, seed: int = 1) -> torch.Tensor:
+        shift = RandomShift(4, seed)
         shift.reseed(updates)
         return shift.shift(frames)
 
     assert torch.equal(shifted(0), RandomShift(4, seed=1).shift(frames))
     assert torch.equal(shifted(500), shifted(500))
     assert not torch.equal(shifted(0), shifted(500))
+    assert not torch.equal(shifted(500), shifted(500, seed=2))
 
 
 def test_no_shift_is_none() -> None:
@@ -56,3 +65,19 @@ def test_the_two_states_of_a_transition_move_apart_and_nothing_else_changes() ->
     assert not torch.equal(shifted.s_tm1, batch.s_tm1)
     assert not torch.equal(shifted.s_t, batch.s_t)
     assert shifted._replace(s_tm1=batch.s_tm1, s_t=batch.s_t) == batch
+
+
+@pytest.mark.parametrize("name", ["dqn", "qr_dqn"])
+def test_an_algorithm_learns_from_shifted_states_by_the_runs_seed(name: str) -> None:
+    learning = LearningConfig(algorithm=name, random_shift=4)
+    config, batch = replace(PRESETS["fast"], seed=5, learning=learning), random_batch()
+    network = build_network(config, 6)
+    algorithm = build_algorithm(config, network, Device(torch.device("cpu"), bfloat16=False))
+    for updates in (0, 500):
+        algorithm.reseed(updates)
+        shift = RandomShift(4, seed=5)
+        shift.reseed(updates)
+        prepared, expected = algorithm.prepare(batch), shift(batch)
+        assert torch.equal(prepared.batch.s_tm1, expected.s_tm1)
+        assert torch.equal(prepared.pixels_tm1, network.as_pixels(expected.s_tm1))
+        assert torch.equal(prepared.pixels_t, network.as_pixels(expected.s_t))

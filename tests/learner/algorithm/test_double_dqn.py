@@ -1,10 +1,21 @@
 """Equations 2 to 4 against values worked out by hand."""
 
+from typing import Any
+
 import pytest
 import torch
 from torch import tensor
 
-from learner.algorithm.double_dqn import bootstrap_values, td_errors, td_loss, td_targets
+from common.run.config import LearningConfig
+from learner.algorithm.double_dqn import (
+    DoubleDqnLoss,
+    bootstrap_values,
+    td_errors,
+    td_loss,
+    td_targets,
+)
+from learner.algorithm.interface import Prepared
+from tests.learner.small_batches import random_batch
 
 Q_TARGET = tensor([[1.0, 3.0, 2.0], [0.0, -1.0, -2.0]])
 Q_ONLINE = tensor([[5.0, 4.0, 6.0], [1.0, 2.0, 0.0]])
@@ -51,6 +62,26 @@ def test_the_gradient_flows_through_the_chosen_value_alone() -> None:
 def test_losses(kind: str, outputs: int, expected: float) -> None:
     errors, weights = tensor([0.5, -2.0, 1.0]), tensor([1.0, 0.5, 1.0])
     assert float(td_loss(errors, weights, kind, outputs)) == pytest.approx(expected)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("loss", "over", "expected"),
+    [
+        # δ = 0.5 and -3
+        ("mse", "batch", (0.25 + 9) / 2),
+        ("mse", "outputs", (0.25 + 9) / 6),
+        ("huber", "batch", (0.125 + 2.5) / 2),
+    ],
+)
+def test_the_settings_choose_the_loss(loss: Any, over: Any, expected: float) -> None:
+    q = tensor([[0.5, 1.5, 0.0], [2.0, 4.0, 0.0]])
+    batch = random_batch(size=2)._replace(
+        a_tm1=tensor([1, 0]), r_t=tensor([2.0, -1.0]), discount_t=tensor([0.0, 0.0])
+    )
+    prepared = Prepared(batch, batch.s_tm1, batch.s_t, target_outputs=(q,))
+    network: Any = lambda pixels, vectors: q  # noqa: E731
+    found = DoubleDqnLoss(LearningConfig(loss=loss, loss_mean_over=over))(network, prepared)
+    assert float(found.loss) == pytest.approx(expected)
 
 
 def test_the_2017_loss_is_keras_mean_over_all_outputs() -> None:

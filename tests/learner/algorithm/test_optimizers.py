@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from common.run.config import LearningConfig
-from learner.algorithm.optimizers import build_optimizer, clip_gradients
+from learner.algorithm.optimizers import BoundedOptimizer, build_optimizer, clip_gradients
 
 GRADIENTS = [0.3, -1.2, 0.05, 2.0, 0.0, -0.7]
 
@@ -24,11 +24,11 @@ def _steps(config: LearningConfig) -> list[float]:
 
 def test_rmsprop_is_the_one_of_keras() -> None:
     config = LearningConfig(
-        optimizer="rmsprop", learning_rate=0.01, rmsprop_decay=0.95, optimizer_epsilon=0.01
+        optimizer="rmsprop", learning_rate=0.01, rmsprop_decay=0.9, optimizer_epsilon=0.01
     )
     weight, mean_square, expected = 0.5, 0.0, []
     for gradient in GRADIENTS:
-        mean_square = 0.95 * mean_square + 0.05 * gradient**2
+        mean_square = 0.9 * mean_square + 0.1 * gradient**2
         weight -= 0.01 * gradient / (math.sqrt(mean_square) + 0.01)
         expected.append(weight)
     assert _steps(config) == pytest.approx(expected, rel=1e-5)
@@ -78,3 +78,16 @@ def test_gradients_are_scaled_only_when_together_they_are_too_long(
     for weight, gradient in zip(weights, gradients, strict=True):
         assert weight.grad is not None
         assert weight.grad.tolist() == pytest.approx([g * factor for g in gradient], rel=1e-5)
+
+
+def test_what_is_restored_lies_in_memory_as_its_weights_do() -> None:
+    """A checkpoint has plain strides, with which the fused kernel would be slow."""
+    weight = torch.nn.Parameter(torch.randn(8, 4, 3, 3).to(memory_format=torch.channels_last))
+    weight.grad = torch.randn_like(weight)
+    one, other = (BoundedOptimizer([weight], LearningConfig()) for _ in range(2))
+    one.step(torch.tensor(1.0))
+    saved = {name: value.contiguous() for name, value in one.state().items()}
+    other.load_state(saved)
+    for name, value in other.state().items():
+        assert torch.equal(value, saved[name])
+        assert value.ndim == 0 or value.stride() == weight.stride()

@@ -21,9 +21,9 @@ CPU = Device(torch.device("cpu"), bfloat16=False)
 CPU_BFLOAT16 = Device(torch.device("cpu"), bfloat16=True)
 
 
-def _network(seed: int = 0, actions: int = 6, quantiles: int = 5) -> QNetwork:
+def _network(seed: int = 0, actions: int = 6, quantiles: int = 5, width: int = 0) -> QNetwork:
     torch.manual_seed(seed)
-    return QNetwork(actions, atoms=quantiles)
+    return QNetwork(actions, vector_width=width, atoms=quantiles)
 
 
 def _reference(
@@ -97,11 +97,11 @@ def test_the_quantiles_of_an_action() -> None:
 def test_an_update_is_the_plain_one(target: str, device: Device) -> None:
     """Which network chooses, whose quantiles count, and what weights and priorities are."""
     config = LearningConfig(target=target, algorithm="qr_dqn")  # type: ignore[arg-type]
-    online, other = _network(0), _network(1)
-    algorithm = qr_dqn(_network(0), config, device)
+    online, other = _network(0, width=9), _network(1, width=9)
+    algorithm = qr_dqn(_network(0, width=9), config, device)
     changed = {f"target.{name}": value for name, value in other.state_dict().items()}
     algorithm.load_state(algorithm.state() | changed)
-    batch = random_batch()._replace(weights=torch.linspace(0.1, 1, 8))
+    batch = random_batch(width=9)._replace(weights=torch.linspace(0.1, 1, 8))
     result = learn(algorithm, batch)
 
     with torch.no_grad():

@@ -19,9 +19,9 @@ CPU = Device(torch.device("cpu"), bfloat16=False)
 CPU_BFLOAT16 = Device(torch.device("cpu"), bfloat16=True)
 
 
-def _network(seed: int = 0) -> QNetwork:
+def _network(seed: int = 0, width: int = 0) -> QNetwork:
     torch.manual_seed(seed)
-    return QNetwork(6)
+    return QNetwork(6, vector_width=width)
 
 
 def _target_of(algorithm: ValueBased) -> dict[str, torch.Tensor]:
@@ -45,10 +45,10 @@ def test_an_update_is_the_plain_one(target: Literal["dqn", "double"]) -> None:
     config = LearningConfig(
         target=target, loss="mse", optimizer="rmsprop", learning_rate=1e-3, gradient_norm=0.0
     )
-    other = _network(1)  # a target network that differs, so that the two targets do
-    algorithm = _with_target(double_dqn(_network(), config, CPU), other)
+    other = _network(1, width=900)  # a target network that differs, so that the two targets do
+    algorithm = _with_target(double_dqn(_network(width=900), config, CPU), other)
     plain = copy.deepcopy(algorithm.online)
-    batch = random_batch()
+    batch = random_batch(width=900)
 
     result = learn(algorithm, batch)
 
