@@ -9,7 +9,7 @@ def test_it_learns_to_catch(stage: Stage) -> None:
     learner = stage.learner(
         "--env", "catch",
         "--threads", "1",
-        "--steps", "7500",
+        "--steps", "9000",
         "--replay.learning-starts", "1000",
         "--replay.capacity", "20000",
         "--replay.ratio-tolerance", "256",
@@ -23,7 +23,7 @@ def test_it_learns_to_catch(stage: Stage) -> None:
         "--learning.publish-period", "20",
         "--exploration.end", "0.1",
         "--exploration.steps", "3000",
-        "--protocol.epoch-steps", "6500",
+        "--protocol.epoch-steps", "8000",
         "--protocol.test-steps", "1200",
         "--protocol.test-epsilon", "0",
         "--protocol.held-out-states", "64",

@@ -183,7 +183,7 @@ class Targets:
                 (HeldOutRequest(2).encode(), HeldOutRequest(2, 2).encode()),
                 self.answer(KEYS.held_out),
             ),
-            "progress": Target((ProgressRequest(0, False).encode(),), self.answer(KEYS.progress)),
+            "progress": Target((ProgressRequest(0, 300).encode(),), self.answer(KEYS.progress)),
             "task": Target((b"e", b"evaluator-2"), self._task),
             "report": Target(
                 (report.encode(),), self.answer(KEYS.report("e"), KEYS.report("*")), seldom=True
