@@ -31,11 +31,11 @@ def check_extra(flag: str, extra: str) -> None:
 @contextmanager
 def extra_for(flag: str, extra: str) -> Iterator[None]:
     """Raises InputError, with the command that installs ``extra``, if an import within the block
-    does not find its package."""
+    does not find its package. Without an ``extra``, the package is to be installed as such."""
     try:
         yield
     except ModuleNotFoundError as error:
+        how = f"pip install 'ale-robot[{extra}]'" if extra else "install it"
         raise InputError(
-            f"{flag} needs the package {error.name}, which is not installed: "
-            f"pip install 'ale-robot[{extra}]'."
+            f"{flag} needs the package {error.name}, which is not installed: {how}."
         ) from None

@@ -157,6 +157,13 @@ def test_a_tracker_that_is_not_installed_is_told(monkeypatch: pytest.MonkeyPatch
         TrackerSink("wandb", RUN)
 
 
+def test_what_another_packages_tracker_needs_is_told_by_its_name() -> None:
+    kind = module.TrackerKind("aim", "no_such_package.aim:AimTracker")
+    told = r"^--track aim needs the package no_such_package, which is not installed: install it\.$"
+    with added(module.TRACKERS, kind), pytest.raises(InputError, match=told):
+        TrackerSink("aim", RUN)
+
+
 def test_a_tracker_that_nobody_knows_is_refused() -> None:
     with pytest.raises(InputError, match=r"^there is no tracker 'wand': did you mean wandb"):
         TrackerSink("wand", RUN)
