@@ -16,6 +16,8 @@ NO_ROOM_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EROFS)
 """Errors of a disk that is full or read-only, which may pass."""
 _SHORT_ERRORS = (errno.EMFILE, errno.ENFILE, errno.ENOMEM)
 """Errors of a process that runs out of files or memory; a new process has enough of both."""
+_UNREACHED = (errno.EHOSTUNREACH, errno.ENETUNREACH, errno.ENETDOWN)
+"""Errors of a network, beside ConnectionError and TimeoutError; a new process connects anew."""
 
 
 class InputError(Exception):
@@ -93,7 +95,10 @@ def exit_on_input_error(main: Callable[[], int | None]) -> None:
         if error.errno in NO_ROOM_ERRORS:
             status = NO_ROOM
         else:
-            status = FAILED if error.errno in _SHORT_ERRORS else BAD_INPUT
+            # As when an environment loses its real robot: its actor is started again.
+            lost = isinstance(error, ConnectionError | TimeoutError)
+            again = lost or error.errno in (*_SHORT_ERRORS, *_UNREACHED)
+            status = FAILED if again else BAD_INPUT
     except KeyboardInterrupt:
         status = INTERRUPTED
     sys.exit(status)

@@ -178,7 +178,7 @@ class Supervisor:
             worked = now - self._started[name]
             if status == BAD_INPUT and worked <= SETTLED:  # however slowly it found out
                 said = child.last_line()
-                raise InputError(f"{name} cannot start: {said} (more in {child.log}).")
+                raise InputError(f"{name} ended: {said} (more in {child.log}).")
             self._early_ends[name] = self._early_ends[name] + 1 if worked < _EARLY else 0
             if self._early_ends[name] >= _MOST_EARLY_ENDS:
                 raise InputError(

@@ -136,6 +136,27 @@ def test_a_process_that_runs_short_is_started_again(number: int) -> None:
     assert caught.value.code == 1
 
 
+@pytest.mark.parametrize(
+    "error",
+    [
+        ConnectionResetError(errno.ECONNRESET, "Connection reset by peer"),
+        ConnectionRefusedError("the robot refuses"),
+        TimeoutError("timed out"),
+        OSError(errno.EHOSTUNREACH, "No route to host"),
+        OSError(errno.ENETUNREACH, "Network is unreachable"),
+    ],
+)
+def test_a_process_that_lost_a_connection_is_started_again(error: OSError) -> None:
+    """Exit code 2 of an actor ends a local run at once."""
+
+    def main() -> int:
+        raise error
+
+    with pytest.raises(SystemExit) as caught:
+        exit_on_input_error(main)
+    assert caught.value.code == 1
+
+
 def test_other_errors_are_bugs_and_keep_their_traceback() -> None:
     def main() -> int:
         raise MessageError("not caught")
@@ -191,7 +212,7 @@ def test_a_broken_pipe_that_is_not_the_output_is_told(capsys: pytest.CaptureFixt
 
     with pytest.raises(SystemExit) as caught:
         exit_on_input_error(main)
-    assert caught.value.code == 2
+    assert caught.value.code == 1
     assert "Broken pipe" in capsys.readouterr().err
 
 

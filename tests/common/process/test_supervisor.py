@@ -153,7 +153,7 @@ def test_a_child_that_is_refused_is_given_up_at_once_however_slowly_it_starts(
     clock.now += 100.0
     with pytest.raises(InputError) as error:
         notes_of(children)
-    assert str(error.value) == f"actor-1 cannot start: a: do b (more in {tmp_path}/actor-1.log)."
+    assert str(error.value) == f"actor-1 ended: a: do b (more in {tmp_path}/actor-1.log)."
     children.close()
 
 
