@@ -232,7 +232,12 @@ class Supervisor:
 
 def _environment() -> dict[str, str]:
     """Returns this process' environment, with this checkout first on the module path. Otherwise
-    folders of the working directory could take the place of its packages."""
+    folders of the working directory could take the place of its packages.
+
+    Output is not buffered. Otherwise what an environment of another package printed would follow
+    the error in the log, and be told as the reason.
+    """
     found = without(dict(os.environ))
     paths = filter(None, (str(ROOT), found.get("PYTHONPATH")))
-    return {**found, "PYTHONPATH": os.pathsep.join(paths), "PYTHONSAFEPATH": "1"}
+    own = {"PYTHONPATH": os.pathsep.join(paths), "PYTHONSAFEPATH": "1", "PYTHONUNBUFFERED": "1"}
+    return {**found, **own}

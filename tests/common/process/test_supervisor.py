@@ -91,6 +91,16 @@ def test_the_last_line_is_found_in_a_log_or_a_pipe(
     piped.end()
 
 
+def test_what_was_printed_before_an_error_is_not_the_last_line(
+    program: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("PYTHONUNBUFFERED", raising=False)
+    write(program, "import sys; print('a game'); print('error: no room.', file=sys.stderr)")
+    child = Child("m", log=tmp_path / "log")
+    child.wait(PATIENCE)
+    assert child.last_line() == "no room"
+
+
 def test_a_child_that_writes_much_to_a_piped_standard_error_is_not_held_up(program: Path) -> None:
     pipes = 16 * 65_536  # Linux holds up whoever writes more than 65,536 that nobody reads
     write(program, f"import sys; sys.stderr.write({pipes} * 'é' + '\\nno room'); print('done')")
