@@ -14,7 +14,9 @@ process of a run finds (CONTRIBUTING.md)::
 """
 
 import pkgutil
-from collections.abc import Callable
+import traceback
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from importlib.metadata import EntryPoint, entry_points
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
@@ -106,6 +108,21 @@ def resolve(factory: str | Callable[..., Any]) -> Callable[..., Any]:
     return found
 
 
+@contextmanager
+def foreign(what: str) -> Iterator[None]:
+    """Raises InputError, with error and place, if the block fails, in which ``what`` works: code of
+    another package."""
+    try:
+        yield
+    except (InputError, OSError):
+        raise
+    except Exception as error:  # of any kind, as the package is not ours
+        place = traceback.extract_tb(error.__traceback__)[-1]
+        raise InputError(
+            f"{what} fails ({error!r}, {place.filename}:{place.lineno}): mend its package."
+        ) from error
+
+
 T = TypeVar("T", bound=Entry)
 
 
@@ -119,6 +136,7 @@ class Registry(Generic[T]):
     def __init__(self, noun: str, *entries: T) -> None:
         self._noun = noun
         self._group = f"ale_robot.{noun}s"
+        self._ours = entries
         self._entries = {entry.name: entry for entry in entries}
 
     @property
@@ -159,8 +177,12 @@ class Registry(Generic[T]):
 
     def make(self, name: str, *arguments: Any, **named: Any) -> Any:
         """Returns what the factory of ``name`` makes of the other arguments. Raises InputError if
-        there is no such entry."""
-        return resolve(self.find(name).factory)(*arguments, **named)
+        there is no such entry, or if the factory of another package fails."""
+        entry = self.find(name)
+        if entry in self._ours:  # a traceback tells us more about our own mistakes
+            return resolve(entry.factory)(*arguments, **named)
+        with foreign(f"the factory of the {self._noun} {name!r}"):
+            return resolve(entry.factory)(*arguments, **named)
 
 
 def _atari_actions(config: "RunConfig") -> int:

@@ -15,7 +15,7 @@ from annotated_types import Ge, Le, Lt
 
 from common.checked import Amount, Count, Fraction, FromOne, LongText, Score
 from common.pinned_file import pin
-from common.registry import ENVIRONMENTS, Entry
+from common.registry import ENVIRONMENTS, Entry, foreign
 from common.run.conditions import CameraConfig, PlayConfig
 from common.run.own_settings import EXTENSIONS, check_own_settings, in_full
 from common.run.ranges import RandomiseConfig
@@ -291,5 +291,6 @@ class RunConfig:
         from_mapping(RunConfig, dataclasses.asdict(self), "")
         for entry, name, text in self._own_settings():
             check_own_settings(entry, text, name)
-        ENVIRONMENTS.find(self.env).actions(self)  # raises for an unknown game
+        with foreign(f"`actions` of the environment {self.env!r}"):
+            ENVIRONMENTS.find(self.env).actions(self)  # raises for an unknown game
         check_rules(self)

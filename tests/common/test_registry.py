@@ -105,6 +105,34 @@ def test_an_entry_is_added_made_and_replaced() -> None:
     assert registry.make("toy", arm=2) == SimpleNamespace(arm=2)
 
 
+def test_a_factory_of_another_package_fails_in_one_sentence() -> None:
+    registry = Registry("robot", RobotKind("ours", lambda: 1 / 0, joints=1))
+    for name, factory in (("theirs", lambda: 1 / 0), ("typo", "types:SimpelNamespace")):
+        registry.add(RobotKind(name, factory, joints=1))
+    with pytest.raises(ZeroDivisionError):  # its traceback is for us
+        registry.make("ours")
+    place = r"ZeroDivisionError\('division by zero'\), .*/test_registry\.py:\d+"
+    with pytest.raises(
+        InputError,
+        match=rf"^the factory of the robot 'theirs' fails \({place}\): mend its package\.$",
+    ):
+        registry.make("theirs")
+    with pytest.raises(InputError, match=r"has no attribute 'SimpelNamespace'"):
+        registry.make("typo")
+
+
+@pytest.mark.parametrize("error", [InputError("choose one leg."), FileNotFoundError("legs.toml")])
+def test_what_a_factory_says_itself_is_told_as_it_is(error: Exception) -> None:
+    def make() -> None:
+        raise error
+
+    registry = Registry[RobotKind]("robot")
+    registry.add(RobotKind("theirs", make, joints=1))
+    with pytest.raises(type(error)) as told:
+        registry.make("theirs")
+    assert told.value is error
+
+
 def test_an_installed_package_brings_its_own(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

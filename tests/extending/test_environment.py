@@ -281,3 +281,10 @@ def test_settings_of_its_own_are_checked_with_the_others() -> None:
             with pytest.raises(InputError) as error:
                 config.check()
             assert str(error.value) == sentence
+
+
+def test_an_entry_whose_actions_cannot_be_counted_is_refused() -> None:
+    entry = replace(LAMPS, actions=3)  # type: ignore[arg-type]
+    with added(ENVIRONMENTS, entry), pytest.raises(InputError) as error:
+        CONFIG.check()
+    assert str(error.value).startswith("`actions` of the environment 'lamps' fails (TypeError(")

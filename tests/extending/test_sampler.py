@@ -1,7 +1,9 @@
 """A sampler of an installed package draws in the replay, and hears of what the learner learned."""
 
 import json
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,8 +12,9 @@ from benchmarks.entry_point import add_entry_point
 from common.errors import InputError
 from common.network import build_network
 from common.protocol.weights import encode_weights
-from common.registry import SAMPLERS
+from common.registry import SAMPLERS, SamplerKind
 from replay.replay_buffer import ReplayBuffer
+from replay.samplers import UniformSampler
 from tests.end_to_end.conftest import SMALL, Stage
 from tests.extending.toy_sampler import NEWEST
 from tests.extending.whole_run import added
@@ -44,6 +47,62 @@ def test_its_policy_plays_without_its_package(tmp_path: Path) -> None:
     weights = tmp_path / "w.safetensors"
     weights.write_bytes(encode_weights(build_network(config, config.action_count), config))
     assert Played().config(weights) == config.for_play
+
+
+def _drawing(draw: Callable[..., Any]) -> SamplerKind:
+    kind = type("Wrong", (UniformSampler,), {"draw": draw})
+    return SamplerKind("wrong", lambda capacity, ids, leaves, config: kind(capacity, ids))
+
+
+def _fails(sampler: UniformSampler, rng: object, count: int) -> None:
+    raise KeyError("mine")
+
+
+ONES = np.ones(16, np.float32)
+
+
+@pytest.mark.parametrize(
+    ("draw", "told"),
+    [
+        (lambda own, rng, n: (own.ids[:n] + 1e3, ONES), "draws float64 [16] and float32 [16]: ret"),
+        (lambda own, rng, n: (own.ids[:9], ONES), "draws int64 [9] and float32 [16]: return ids"),
+        (lambda own, rng, n: (own.ids[:n], np.ones(n)), "float64 [16]: return ids int64 [16] and "),
+        (lambda own, rng, n: (own.ids[:n] - 1000, ONES), "which is not in its set: draw from its"),
+        (lambda own, rng, n: (own.ids[:n], ONES * np.nan), "gives negative or non-finite weights:"),
+        (lambda own, rng, n: (own.ids[:n], -ONES), "gives negative or non-finite weights: give"),
+        (lambda own, n: (own.ids[:n], ONES), "fails (TypeError("),
+        (
+            _fails,
+            f"fails (KeyError('mine'), {__file__}:{_fails.__code__.co_firstlineno + 1}): mend",
+        ),
+    ],
+)
+def test_a_wrong_draw_is_refused(draw: Callable[..., Any], told: str, tmp_path: Path) -> None:
+    config, rng = make_config(sampler="wrong"), np.random.default_rng(0)
+    with added(SAMPLERS, _drawing(draw)):
+        buffer = ReplayBuffer(config, tmp_path)
+        buffer.insert(Actor("a", 4).live([GOES_ON] * 40, rng))
+        with pytest.raises(InputError) as error:
+            buffer.sample(0, 0.0)
+        buffer.close()
+    assert str(error.value).startswith("the sampler 'wrong' ")
+    assert told in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("factory", "told"),
+    [
+        (lambda *_: None, "returns NoneType: return a UniformSampler"),
+        (lambda capacity, ids: UniformSampler(capacity, ids), "fails (TypeError("),
+        ("tests.extending.toy_sampler:NEWST", "has no attribute 'NEWST'"),
+    ],
+)
+def test_a_wrong_factory_is_refused(factory: Any, told: str, tmp_path: Path) -> None:
+    config = make_config(sampler="wrong")
+    with added(SAMPLERS, SamplerKind("wrong", factory)), pytest.raises(InputError) as error:
+        ReplayBuffer(config, tmp_path)
+    assert str(error.value).startswith("the factory of the sampler 'wrong' ")
+    assert told in str(error.value)
 
 
 def ids_of(buffer: ReplayBuffer) -> set[int]:

@@ -461,6 +461,15 @@ def test_no_number_is_told_that_is_not_yet_true_while_nothing_is_to_be_had(place
     assert told == [32] * 4
 
 
+def test_a_learner_is_told_that_the_sampler_fails(
+    place: Place, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    insert(place.client, Actor("a", 4).live([GOES_ON] * 24, np.random.default_rng(0)))
+    monkeypatch.setattr(place.buffer._store.sampler, "draw", lambda *_: 1 / 0)
+    with pytest.raises(InputError, match=r"the sampler 'prioritised' fails \(ZeroDivisionError"):
+        place.remote.sample(0, PATIENCE)
+
+
 def test_what_is_stored_is_made_durable_also_after_a_stop(
     place: Place, monkeypatch: pytest.MonkeyPatch
 ) -> None:
