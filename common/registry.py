@@ -117,10 +117,13 @@ def foreign(what: str) -> Iterator[None]:
     except (InputError, OSError):
         raise
     except Exception as error:  # of any kind, as the package is not ours
-        place = traceback.extract_tb(error.__traceback__)[-1]
-        raise InputError(
-            f"{what} fails ({error!r}, {place.filename}:{place.lineno}): mend its package."
-        ) from error
+        raise InputError(f"{what} fails ({placed(error)}): mend its package.") from error
+
+
+def placed(error: Exception) -> str:
+    """Returns a raised ``error`` of another package, and the line that raised it."""
+    place = traceback.extract_tb(error.__traceback__)[-1]
+    return f"{error!r}, {place.filename}:{place.lineno}"
 
 
 T = TypeVar("T", bound=Entry)

@@ -20,7 +20,7 @@ from typing import Any, Protocol
 
 from common.metrics import Value, Values
 from common.process.extras import PACKAGES, extra_for
-from common.registry import Entry, Registry, resolve
+from common.registry import Entry, Registry, foreign, placed, resolve
 from common.schedule import Every, Now
 from learner.telemetry.sinks.curves import FILM, CurvesSink
 from learner.telemetry.snapshot import Histogram
@@ -176,6 +176,7 @@ class TrackerSink(CurvesSink):
         with extra_for(f"--track {name}", kind.extra):
             for package in PACKAGES.get(kind.extra, ()):
                 import_module(package)
+        with foreign(f"the factory of the tracker {name!r}"):
             begin = resolve(kind.factory)
         self._waiting = queue.Queue[Callable[[Tracker], object] | None](_MOST_WAITING)
         # A daemon thread, so that a hanging server cannot keep the process alive.
@@ -224,7 +225,8 @@ class TrackerSink(CurvesSink):
                 give(tracker)
             tracker.close()
         except Exception as error:  # a run is worth more than its curves elsewhere
-            _log.warning("--track %s is given up, and the run goes on: %s", self._name, error)
+            text = "--track %s is given up, and the run goes on: %s"
+            _log.warning(text, self._name, placed(error))
             with contextlib.suppress(queue.Empty):  # or `close` would wait for room in the queue
                 while True:
                     self._waiting.get_nowait()

@@ -3,6 +3,7 @@
 import importlib
 import json
 import logging
+import re
 import struct
 import sys
 import threading
@@ -256,9 +257,9 @@ def test_a_tracker_that_fails_is_given_up_once_and_the_run_goes_on(
     sink.add({"play/test_reward": 1.0}, 4)  # goes nowhere
     assert (program.points, program.closed) == ([1], False)
     assert program.began_on == "track wandb"
-    assert [each.message for each in caplog.records] == [
-        "--track wandb is given up, and the run goes on: nobody is there"
-    ]
+    (warning,) = [each.message for each in caplog.records]
+    told = "--track wandb is given up, and the run goes on: ConnectionError('nobody is there'), "
+    assert re.fullmatch(rf"{re.escape(told + __file__)}:\d+", warning)
 
 
 def test_a_tracker_that_cannot_begin_is_given_up_too(
@@ -267,7 +268,15 @@ def test_a_tracker_that_cannot_begin_is_given_up_too(
     sink = begin(monkeypatch, Program(refuses=True))
     sink.add({"play/test_reward": 1.0}, 1)
     sink.close()
-    assert "--track wandb is given up, and the run goes on: log in first" in caplog.text
+    assert "is given up, and the run goes on: ConnectionError('log in first'), " in caplog.text
+
+
+def test_a_tracker_whose_factory_is_misspelt_is_refused() -> None:
+    entry = module.TrackerKind("diary", "my_packege.diary:begin")
+    with added(module.TRACKERS, entry), pytest.raises(InputError) as error:
+        TrackerSink("diary", RUN)
+    told = "the factory of the tracker 'diary' fails (ModuleNotFoundError(\"No module named 'my_p"
+    assert str(error.value).startswith(told)
 
 
 def test_a_tracker_that_hangs_holds_up_nobody_and_loses_points(
