@@ -95,7 +95,7 @@ class Learner:
         with ExitStack() as end:  # callbacks run in reverse order, each even if another one fails
             end.callback(lambda: self.telemetry.close(self._values(), self._replay_progress))
             if children is not None:  # so that the last figures include their last chunks
-                end.callback(self._ask_replay)
+                end.callback(self._ask_replay_again)
                 end.callback(children.close)
             end.callback(self._keep_what_was_learned)
             if children is not None:
@@ -175,7 +175,8 @@ class Learner:
         Raises:
             InputError: the replay has lost steps that the checkpoint counts.
         """
-        self._replay_progress = self.replay.progress(self.phases.chunks_seen)
+        # Tells a longer goal too: actors that join now would leave at the former one.
+        self._replay_progress = self._ask_replay()
         known, found = self.phases.agent_steps, self._replay_progress.agent_steps
         # If many steps are missing, ε and the limiter start over, and actors play all of them again
         # before the next update. A power failure costs only a few steps.
@@ -230,9 +231,7 @@ class Learner:
     def _count_chunks(self) -> None:
         """Counts the chunks that actors have sent since the last look."""
         while True:
-            self._replay_progress = self.replay.progress(
-                self.phases.chunks_seen, goal=self.steps_goal or MAX_COUNT
-            )
+            self._replay_progress = self._ask_replay()
             told, seen = self._replay_progress, self.phases.chunks_seen
             new = [chunk for chunk in told.statistics if chunk.index >= seen]
             for chunk in new:
@@ -250,10 +249,14 @@ class Learner:
             self._count_chunks()
         return self._finished
 
-    def _ask_replay(self) -> None:
+    def _ask_replay(self) -> Progress:
+        """Returns what is new in the replay, which is told the run's goal."""
+        return self.replay.progress(self.phases.chunks_seen, goal=self.steps_goal or MAX_COUNT)
+
+    def _ask_replay_again(self) -> None:
         """Asks for the replay's counters once more, unless it is away."""
         with suppress(InputError):
-            self._replay_progress = self.replay.progress(self.phases.chunks_seen)
+            self._replay_progress = self._ask_replay()
 
     def _end_phase(self) -> None:
         """Records the present phase, and has an epoch's snapshot tested."""

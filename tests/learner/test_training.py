@@ -660,14 +660,13 @@ def test_a_goal_is_reached_when_all_updates_it_calls_for_are_made() -> None:
     learner = run(world, steps_goal=900)
     assert world.updates == (900 - 100) // 4
     assert learner.done
-    assert world.goals == {None, 900}
+    assert world.goals == {900}
 
 
 def test_a_run_without_a_goal_takes_that_of_an_earlier_learner_back() -> None:
     world = World()
-    world.stops_at(3)
-    run(world)
-    assert world.goals == {None, MAX_COUNT}
+    world.learner().start()  # before actors can join it
+    assert world.goals == {MAX_COUNT}
 
 
 def test_actors_that_left_at_the_goal_are_not_ahead_of_the_count() -> None:
