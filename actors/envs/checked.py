@@ -13,6 +13,7 @@ from actors.loop import frames_and_vector
 from actors.vision.layout import ASPECT
 from common.errors import InputError
 from common.protocol.step_fields import FRAME_SHAPE
+from common.registry import foreign
 from common.run.config import RunConfig
 
 _MARGIN = 32
@@ -27,7 +28,7 @@ class CheckedEnv(gymnasium.Wrapper[Any, Any, Any, Any], ShownEnv[Any, Any]):
     an episode repeats its only frame.
 
     Making it raises InputError if the actions are otherwise; `reset` and `step`, if a state is; and
-    `seen`, if a picture is none.
+    `seen`, if it cannot render, or a picture is none.
     """
 
     def __init__(self, env: gymnasium.Env[Any, Any], config: RunConfig) -> None:
@@ -61,7 +62,8 @@ class CheckedEnv(gymnasium.Wrapper[Any, Any, Any, Any], ShownEnv[Any, Any]):
         """What it renders in the render mode "rgb_array"; in another one, its newest frame. Grey
         margins keep the shape."""
         if self.render_mode == "rgb_array":
-            rendered: Any = self.env.render()
+            with foreign(f"render() of {self._name}"):
+                rendered: Any = self.env.render()
         else:
             rendered = cv2.cvtColor(self._frames[-1], cv2.COLOR_GRAY2RGB)
         picture = np.asarray(rendered)

@@ -230,6 +230,16 @@ def test_a_picture_that_is_none_is_refused(rendered: Any, told: str) -> None:
     )
 
 
+def test_one_that_cannot_render_is_told_where() -> None:
+    class Blind(Lamps):
+        def render(self) -> Any:
+            raise KeyError("display")
+
+    told = r"^render\(\) of the environment lamps fails \(KeyError\('display'\), .*test_environment"
+    with pytest.raises(InputError, match=told):
+        _ = shown(Blind(CONFIG.play, "rgb_array")).seen
+
+
 def test_one_that_renders_nothing_shows_its_newest_frame() -> None:
     env = shown(Lamps(CONFIG.play), 1, 2)
     frame = env.step(0)[0][-1]
