@@ -173,10 +173,10 @@ class TrackerSink(CurvesSink):
         self._lost = 0
         self._histograms = Every(_HISTOGRAM_SECONDS, now)
         kind = TRACKERS.find(name)
-        with extra_for(f"--track {name}", kind.extra):
+        factory = f"the factory of the tracker {name!r}"
+        with foreign(factory), extra_for(f"--track {name}", kind.extra):
             for package in PACKAGES.get(kind.extra, ()):
                 import_module(package)
-        with foreign(f"the factory of the tracker {name!r}"):
             begin = resolve(kind.factory)
         self._waiting = queue.Queue[Callable[[Tracker], object] | None](_MOST_WAITING)
         # A daemon thread, so that a hanging server cannot keep the process alive.
