@@ -117,7 +117,7 @@ class LiveViews:
         except Exception as error:  # of any kind, as without a display: play goes on
             if not self._failed:
                 self._failed = True
-                self._member.warn(f"no picture is shown: the environment gives none ({error!r}).")
+                self._member.warn(f"no picture is shown: {error}")
             return None
 
 
