@@ -19,7 +19,8 @@ from common.network import QNetwork
 from common.protocol.step_fields import FRAME_SHAPE
 
 _FORWARD_PASSES = 3
-"""Of an update of Double DQN: s, and s′ by both networks. Only one has a backward pass."""
+"""Forward passes of a Double DQN update: the online network evaluates s and s′, and the target
+network evaluates s′. A backward pass follows only for s."""
 
 
 class Layer(NamedTuple):

@@ -123,10 +123,10 @@ class Store:
                 f"{who} draws {ids.dtype} {list(ids.shape)} and {weights.dtype} "
                 f"{list(weights.shape)}: return ids int64 [{count}] and weights float32 [{count}]."
             )
-        if not self.sampler.contains(ids).all():
-            gone = ids[~self.sampler.contains(ids)][0]
+        gone = ids[~self.sampler.contains(ids)]
+        if gone.size:
             raise InputError(
-                f"{who} draws step {gone}, which is not in its set: draw from its ids."
+                f"{who} draws step {gone[0]}, which is not in its set: draw from its ids."
             )
         if not (np.isfinite(weights) & (weights >= 0)).all():
             raise InputError(f"{who} gives negative or non-finite weights: give weights from 0 on.")
