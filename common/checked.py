@@ -27,6 +27,7 @@ from typing_extensions import TypedDict
 
 MAX_TEXT = 200
 """Maximum number of characters of a text."""
+MAX_LONG_TEXT = 2_000
 MAX_COUNT = 2**63 - 1
 MAX_SIZE = 1e9
 """Bound of rewards, scores and vectors: sums and squares of such numbers stay finite."""
@@ -40,7 +41,7 @@ Amount = Annotated[float, Ge(0)]
 Fraction = Annotated[float, Ge(0), Le(1)]
 Patience = Annotated[float, Ge(0), AllowInfNan(True)]
 """Seconds; inf to wait for ever."""
-LongText = Annotated[str, StringConstraints(max_length=2_000)]
+LongText = Annotated[str, StringConstraints(max_length=MAX_LONG_TEXT)]
 """A text that may be longer than others."""
 NAME = r"^[A-Za-z0-9][A-Za-z0-9._-]{0,63}$"
 Name = Annotated[str, StringConstraints(pattern=NAME)]

@@ -250,8 +250,12 @@ class Learner:
         return self._finished
 
     def _ask_replay(self) -> Progress:
-        """Returns what is new in the replay, which is told the run's goal."""
-        return self.replay.progress(self.phases.chunks_seen, goal=self.steps_goal or MAX_COUNT)
+        """Returns what is new in the replay, which is told the run's goal. Raises InputError if
+        nothing can be drawn there any more."""
+        told = self.replay.progress(self.phases.chunks_seen, goal=self.steps_goal or MAX_COUNT)
+        if told.failed:
+            raise InputError(told.failed)
+        return told
 
     def _ask_replay_again(self) -> None:
         """Asks for the replay's counters once more, unless it is away."""

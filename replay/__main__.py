@@ -113,6 +113,8 @@ def serve(options: ReplayOptions, again: bool) -> None:
                 progress = buffer.progress(MAX_COUNT)
                 say(_line(progress), progress.values())
                 tell(f"STATUS={_line(progress)}", "WATCHDOG=1")
+                if progress.failed:  # the learner, which asks more often, has heard of it by now
+                    raise InputError(progress.failed)
             tell("STOPPING=1")
         say(_line(buffer.progress(MAX_COUNT)))
 

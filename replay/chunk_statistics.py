@@ -9,7 +9,7 @@ from typing import Annotated, NamedTuple
 
 from annotated_types import MaxLen
 
-from common.checked import Count, Fraction, Rows
+from common.checked import Count, Fraction, LongText, Rows
 from common.metrics import Value
 from common.protocol.chunk import Game
 from common.protocol.message import Message
@@ -87,6 +87,9 @@ class Progress(Message):
     """Number of connections by processes that its hub does not admit, since that process began."""
     difficulty: Fraction = 1.0
     """Share of their full widths that the ranges of `randomise` have in the next game."""
+    failed: LongText = ""
+    """What the sampler did wrong, in a sentence: nothing can be drawn any more; empty while it
+    works."""
 
     def values(self) -> dict[str, Value]:
         """Returns the figures by their keys in `common.metrics`."""

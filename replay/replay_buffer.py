@@ -177,7 +177,7 @@ class ReplayBuffer:
         return found
 
     def _draw(self) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
-        return self._store.draw(self._rng, self._batch_size)
+        return self._store.sampler.draw(self._rng, self._batch_size)
 
     def _may_sample(self, drawn: int) -> bool:
         inserted = self._store.index.agent_steps
@@ -235,6 +235,7 @@ class ReplayBuffer:
                 over_quota=self.over_quota,
                 shut_out=self.shut_out,
                 difficulty=self._difficulty(),
+                failed=self._store.sampler.failed,
             )
 
     def drain(self) -> None:

@@ -10,7 +10,7 @@ import threading
 import time
 from contextlib import AbstractContextManager
 
-from common.errors import InputError, MessageError
+from common.errors import MessageError
 from common.process.log_lines import Seldom
 from common.protocol.ack import Ack
 from common.protocol.announcement import Announcement
@@ -183,10 +183,7 @@ class ReplayServer(AbstractContextManager["ReplayServer"]):
 
     def _sample(self, request: Request) -> bytes:
         asked = SampleRequest.decode(request.payload)
-        try:
-            batch = self._buffer.sample_shared(asked.drawn, min(asked.timeout, LONGEST_WAIT))
-        except InputError as error:  # of the sampler; unanswered, the learner would ask for ever
-            raise MessageError(str(error)) from error
+        batch = self._buffer.sample_shared(asked.drawn, min(asked.timeout, LONGEST_WAIT))
         return NO_BATCH if batch is None else batch.encode()
 
     def _priorities(self, request: Request) -> bytes:

@@ -17,11 +17,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from common.errors import InputError, MessageError
+from common.errors import MessageError
 from common.protocol.chunk import Chunk
-from common.registry import SAMPLERS, foreign
+from common.registry import SAMPLERS
 from common.run.config import RunConfig
 from common.run.folder import JOURNAL
+from replay.checked_sampler import CheckedSampler
 from replay.chunk_index import ChunkKey, chunk_entry, tail_entry
 from replay.chunk_statistics import ChunkStatistics
 from replay.columns import Columns
@@ -29,7 +30,6 @@ from replay.curriculum import curriculum_steps
 from replay.journal import Entry, Journal
 from replay.recovery import header_of, read_index, restore
 from replay.ring import Placement, Ring
-from replay.samplers import Ids, UniformSampler
 from replay.sum_tree import padded
 
 _SPARE_BYTES = 60_000
@@ -54,25 +54,17 @@ class Store:
         self.index, known = read_index(path, config)
         self.uuid = known or uuid.uuid4().hex
         """Identity of this ring, which is made with it."""
-        kind = SAMPLERS.find(config.replay.sampler)
+        prioritised = SAMPLERS.find(config.replay.sampler).prioritised
         self.columns = Columns(
             folder,
             config.replay.capacity,
             config.vector_width,
-            priority_slots=padded(config.replay.capacity) if kind.prioritised else 0,
+            priority_slots=padded(config.replay.capacity) if prioritised else 0,
             existing=path.exists(),
         )
         self.ring = Ring(self.columns, config)
-        ids, capacity = restore(self.ring, self.index, folder), config.replay.capacity
-        self.sampler: UniformSampler = SAMPLERS.make(
-            kind.name, capacity, ids, self.columns.priorities, config.replay
-        )
-        if not isinstance(self.sampler, UniformSampler):
-            made = type(self.sampler).__name__
-            raise InputError(
-                f"the factory of the sampler {kind.name!r} returns {made}: return a UniformSampler "
-                "or a subclass's object."
-            )
+        alive = restore(self.ring, self.index, folder)
+        self.sampler = CheckedSampler(alive, self.columns.priorities, config.replay)
         self._journal = Journal(path, self._entries())
         self._compacted_size = self._journal.size
 
@@ -108,29 +100,6 @@ class Store:
             self._journal.rewrite(self._entries())
             self._compacted_size = self._journal.size
         self._journal.append(entry)
-
-    def draw(self, rng: np.random.Generator, count: int) -> tuple[Ids, NDArray[np.float32]]:
-        """Returns ``count`` ids and their importance weights, as the sampler draws them. Raises
-        InputError if it fails or gives anything else: the learner would learn from other steps, in
-        silence. Called under ``state``."""
-        who = f"the sampler {self._config.replay.sampler!r}"
-        with foreign(who):
-            ids, weights = map(np.asarray, self.sampler.draw(rng, count))
-        if [ids.dtype, weights.dtype] != [np.int64, np.float32] or not (
-            ids.shape == weights.shape == (count,)
-        ):
-            raise InputError(
-                f"{who} draws {ids.dtype} {list(ids.shape)} and {weights.dtype} "
-                f"{list(weights.shape)}: return ids int64 [{count}] and weights float32 [{count}]."
-            )
-        gone = ids[~self.sampler.contains(ids)]
-        if gone.size:
-            raise InputError(
-                f"{who} draws step {gone[0]}, which is not in its set: draw from its ids."
-            )
-        if not (np.isfinite(weights) & (weights >= 0)).all():
-            raise InputError(f"{who} gives negative or non-finite weights: give weights from 0 on.")
-        return ids, weights
 
     def quarantine(self, ids: NDArray[np.int64]) -> tuple[list[int], list[str]]:
         """Excludes steps ``ids`` from further draws; returns those that exist, and their actors.

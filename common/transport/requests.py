@@ -8,7 +8,7 @@ from collections.abc import Callable
 from concurrent.futures import Future, InvalidStateError
 from functools import partial
 
-from common.errors import MessageError
+from common.errors import InputError, MessageError
 from common.process.log_lines import Seldom
 from common.process.threads import guarded
 from common.transport.checksum import DamagedMessage
@@ -36,7 +36,7 @@ def answer_request(request: Request, answer: Answer) -> None:
     except DamagedMessage as error:
         _log.warning("a request at %s is not answered: %s", request.key, error)
         request.drop()
-    except OSError as error:
+    except (InputError, OSError) as error:
         _log.warning("a request at %s found no answer: %s", request.key, error)
         request.drop()
     except Exception:

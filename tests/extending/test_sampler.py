@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable
+from contextlib import closing, suppress
 from pathlib import Path
 from typing import Any
 
@@ -54,7 +55,7 @@ def _drawing(draw: Callable[..., Any]) -> SamplerKind:
     return SamplerKind("wrong", lambda capacity, ids, leaves, config: kind(capacity, ids))
 
 
-def _fails(sampler: UniformSampler, rng: object, count: int) -> None:
+def _fails(*_: object) -> None:
     raise KeyError("mine")
 
 
@@ -87,6 +88,27 @@ def test_a_wrong_draw_is_refused(draw: Callable[..., Any], told: str, tmp_path: 
         buffer.close()
     assert str(error.value).startswith("the sampler 'wrong' ")
     assert told in str(error.value)
+
+
+@pytest.mark.parametrize("method", ["add", "remove", "update"])
+def test_a_method_that_fails_is_told_and_nothing_is_drawn_any_more(
+    method: str, tmp_path: Path
+) -> None:
+    kind = type("Wrong", (UniformSampler,), {method: _fails})
+    wrong = SamplerKind("wrong", lambda capacity, ids, leaves, config: kind(capacity, ids))
+    config, rng = make_config(sampler="wrong", capacity=64), np.random.default_rng(0)
+    actor = Actor("a", 4)
+    with added(SAMPLERS, wrong), closing(ReplayBuffer(config, tmp_path)) as buffer:
+        assert buffer.progress(0).failed == ""
+        with pytest.raises(InputError) as error:
+            for _ in range(3):  # until the ring turns
+                buffer.insert(actor.live([GOES_ON] * 30, rng))
+                buffer.update_priorities(np.arange(1), np.ones(1, np.float32))
+        line = _fails.__code__.co_firstlineno + 1
+        told = f"the sampler 'wrong' fails (KeyError('mine'), {__file__}:{line}): mend its package."
+        assert str(error.value) == buffer.progress(0).failed == told
+        with suppress(InputError):
+            assert buffer.sample(0, 0.0) is None
 
 
 @pytest.mark.parametrize(
@@ -134,3 +156,27 @@ def test_a_run_draws_by_it(stage: Stage) -> None:
     counts = np.fromfile(stage.run / "replay" / "priorities.bin", np.float64)
     assert counts.sum() > 0
     assert not counts[:100].any()  # older than the newest 50 when learning started
+
+
+FORGETFUL = SamplerKind(
+    "forgetful",
+    lambda capacity, ids, *_: type("Forgetful", (UniformSampler,), {"add": _fails})(capacity, ids),
+)
+
+
+def test_one_that_fails_ends_the_replay_of_its_own_process(stage: Stage) -> None:
+    place = "tests.extending.test_sampler:FORGETFUL"
+    add_entry_point(stage.folder, "forgetful-sampler", "sampler", "forgetful", place)
+    replay = stage.start(
+        *("-m", "replay", "--run=r", "--listen", stage.endpoint, "--env=ale", *SMALL),
+        "--replay.sampler=forgetful",
+    )
+    replay.says("0 stored")
+    stage.actor("a")
+
+    said = replay.ends(2)
+
+    assert said.splitlines()[-1].startswith(
+        "error: the sampler 'forgetful' fails (KeyError('mine')"
+    )
+    assert "Traceback" not in said

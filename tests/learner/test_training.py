@@ -81,6 +81,8 @@ class World:
     """Chunks that the replay tells at a time."""
     lost: int = 0
     """Steps that the replay has lost."""
+    failed: str = ""
+    """What the replay's sampler did wrong."""
     goals: set[int | None] = field(default_factory=set)
     """What the replay was told of the run's end."""
     loss: Callable[[int], float] = lambda _: 0.5
@@ -171,7 +173,9 @@ class World:
         # One that is counted already is told again: each counts once all the same.
         begin = max(since - 1, 0)
         told = tuple(self.chunks[begin : begin + self.portion])
-        return Progress(known, known, 0, len(self.chunks), 0, 0, False, 0, 0, 0, told)
+        return Progress(
+            known, known, 0, len(self.chunks), 0, 0, False, 0, 0, 0, told, failed=self.failed
+        )
 
     # ---------------------------------------------------------------- algorithm
 
@@ -536,6 +540,19 @@ def test_a_loss_that_diverges_ends_the_run_and_keeps_what_was_good(sampler: Any)
         learner.run()
     assert world.checkpoints[-1]["updates"] == 25
     assert len(world.priorities) == (32 if sampler == "prioritised" else 0)
+    assert world.log[-1][0] == "summary"
+
+
+def test_a_sampler_that_fails_ends_the_run_with_its_sentence_and_everything_kept() -> None:
+    told = "the sampler 'newest' fails: mend its package."
+    world = World()
+    world.once(lambda: world.agent_steps >= 200, lambda: setattr(world, "failed", told))
+    learner = world.learner()
+    learner.start()
+    with pytest.raises(InputError) as error:
+        learner.run()
+    assert str(error.value) == told
+    assert world.checkpoints[-1]["updates"] == world.updates
     assert world.log[-1][0] == "summary"
 
 
