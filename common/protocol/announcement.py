@@ -28,7 +28,7 @@ class Announcement(Message):
     def check(self) -> None:
         """See `Message.check`. Raises InputError for settings that cannot work here, or if the
         environment has a different number of actions here."""
-        self.config.check()
+        self.config.without_sampler.check()  # the learner and the replay draw, and check theirs
         if self.actions != self.config.action_count:
             raise InputError(
                 f"{self.config.played} has {self.actions} actions at the hub and "

@@ -237,12 +237,16 @@ class RunConfig:
         return ENVIRONMENTS.find(self.env).actions(self)
 
     @property
-    def for_play(self) -> "RunConfig":
-        """The settings for playing what a run has learned: without ranges, so that every game has
-        the conditions of `play` and `camera`, and without the sampler, whose package is not
-        needed."""
+    def without_sampler(self) -> "RunConfig":
+        """The settings for whoever plays, without the sampler, whose package is not needed."""
         replay = replace(self.replay, sampler=ReplayConfig.sampler, sampler_settings="")
-        return replace(self, randomise=RandomiseConfig(), replay=replay)
+        return replace(self, replay=replay)
+
+    @property
+    def for_play(self) -> "RunConfig":
+        """The settings for playing what a run has learned: without sampler, and without ranges, so
+        that every game has the conditions of `play` and `camera`."""
+        return replace(self.without_sampler, randomise=RandomiseConfig())
 
     def epsilon_at(self, agent_steps: int) -> float:
         """Returns ε after ``agent_steps`` of all actors, including those before learning starts."""

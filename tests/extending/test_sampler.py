@@ -12,6 +12,7 @@ import pytest
 from benchmarks.entry_point import add_entry_point
 from common.errors import InputError
 from common.network import build_network
+from common.protocol.announcement import Announcement
 from common.protocol.weights import encode_weights
 from common.registry import SAMPLERS, SamplerKind
 from replay.replay_buffer import ReplayBuffer
@@ -39,12 +40,14 @@ def test_it_draws_and_hears_of_priorities_after_a_restart_too(tmp_path: Path) ->
     assert np.flatnonzero(counts).tolist() == sorted(drawn)
 
 
-def test_its_policy_plays_without_its_package(tmp_path: Path) -> None:
+def test_actors_join_and_its_policy_plays_without_its_package(tmp_path: Path) -> None:
     config = make_config(
         sampler="newest", sampler_settings="newest=5", learning_starts=20, capacity=200
     )
     with pytest.raises(InputError, match=r"^there is no sampler 'newest': choose "):
         config.check()
+    told = Announcement("r", config, config.action_count, "id")
+    assert Announcement.decode(told.encode()) == told
     weights = tmp_path / "w.safetensors"
     weights.write_bytes(encode_weights(build_network(config, config.action_count), config))
     assert Played().config(weights) == config.for_play
@@ -100,10 +103,14 @@ def test_a_method_that_fails_is_told_and_nothing_is_drawn_any_more(
     actor = Actor("a", 4)
     with added(SAMPLERS, wrong), closing(ReplayBuffer(config, tmp_path)) as buffer:
         assert buffer.progress(0).failed == ""
-        with pytest.raises(InputError) as error:
-            for _ in range(3):  # until the ring turns
+
+        def live_until_the_ring_turns() -> None:
+            for _ in range(3):
                 buffer.insert(actor.live([GOES_ON] * 30, rng))
                 buffer.update_priorities(np.arange(1), np.ones(1, np.float32))
+
+        with pytest.raises(InputError) as error:
+            live_until_the_ring_turns()
         line = _fails.__code__.co_firstlineno + 1
         told = f"the sampler 'wrong' fails (KeyError('mine'), {__file__}:{line}): mend its package."
         assert str(error.value) == buffer.progress(0).failed == told

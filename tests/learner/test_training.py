@@ -547,6 +547,7 @@ def test_a_sampler_that_fails_ends_the_run_with_its_sentence_and_everything_kept
     told = "the sampler 'newest' fails: mend its package."
     world = World()
     world.once(lambda: world.agent_steps >= 200, lambda: setattr(world, "failed", told))
+    world.stops_at(400)
     learner = world.learner()
     learner.start()
     with pytest.raises(InputError) as error:
