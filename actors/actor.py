@@ -73,7 +73,12 @@ class Actor:
             self._member.check_run(ack.run_id)
             self._sync.follow(ack)
             if ack.finished and not self._member.stop.is_set():
-                self._member.warn("the run is finished.")
+                self._member.warn(
+                    "the run is finished."
+                    if self._counters.stats.steps
+                    else "the run has all its steps already: resume its learner with more --steps, "
+                    "then start this actor again."
+                )
                 self._member.stop.set()
 
     def _pause_while_throttled(self, step: Step) -> None:

@@ -240,6 +240,10 @@ def test_a_run_that_is_over_is_left_after_one_step(stage: Stage) -> None:
     stage.start(env)
     stage.ended()
     assert len(env.moments) <= 1
+    assert stage.warnings == [
+        "a: the run has all its steps already: resume its learner with more --steps, then start "
+        "this actor again."
+    ]
 
 
 def test_whoever_has_no_weights_fetches_the_newest(stage: Stage) -> None:
