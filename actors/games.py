@@ -30,8 +30,9 @@ from actors.envs.clock import FRAME
 from actors.game_recorder import GameRecorder
 from actors.loop import play
 from actors.policy import Policy
-from common.errors import exit_on_input_error
+from common.errors import InputError, exit_on_input_error
 from common.process.command_line import parse
+from common.process.exit_codes import FAILED
 from common.process.lifeline import on_signals
 from common.run.clock import ClockConfig
 from common.run.config import RunConfig
@@ -64,7 +65,8 @@ _COUNTED = ("steps", "matched", "valid", "decisions", "missed_deadlines", "late_
 def games(
     config: RunConfig, options: GamesOptions, stop: threading.Event
 ) -> Iterator[dict[str, Any]]:
-    """Yields the result of each whole game, until there are enough games and steps, or ``stop``."""
+    """Yields the result of each whole game, until there are enough games and steps. Raises
+    InputError if ``stop`` is set before."""
     with closing(make_env(config, options.clock, training=False)) as inner:
         env = GameRecorder(inner, options.ending)
         policy_seed, env_seed = map(int, np.random.SeedSequence(options.seed).generate_state(2))
@@ -86,8 +88,11 @@ def games(
                 ended, counters = ended + 1, ActorCounters()
                 if ended >= options.games and steps >= options.steps:
                     return
-            if stop.is_set():
-                return
+            if stop.is_set():  # the mean of fewer games than were asked for would be told
+                raise InputError(
+                    "a playing process was asked to end, so games are missing: evaluate again.",
+                    FAILED,
+                )
 
 
 def main() -> int:

@@ -156,8 +156,12 @@ def play(
                 yield {"process": at, **json.loads(line)}
                 continue
             playing -= 1
-            if children[at].wait() != 0:
-                raise InputError(f"the games could not be played: {children[at].last_line()}.")
+            status = children[at].wait()
+            if status and not stop.is_set():  # one signal may end all processes
+                why = (
+                    children[at].last_line() if status > 0 else f"signal {-status} ended a process"
+                )
+                raise InputError(f"the games could not be played: {why}.")
     finally:
         for child in children:
             child.kill()

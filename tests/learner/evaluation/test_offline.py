@@ -78,6 +78,13 @@ def test_a_process_that_fails_is_quoted(program: Path) -> None:
         list(play(options, CONFIG, [], threading.Event()))
 
 
+def test_a_process_that_is_killed_is_told(program: Path) -> None:
+    write(program, "import os; os.kill(os.getpid(), 9)")
+    options = EvaluationOptions(Path("w"), games=2, processes=2)
+    with pytest.raises(InputError, match=r"could not be played: signal 9 ended a process\.$"):
+        list(play(options, CONFIG, [], threading.Event()))
+
+
 def test_a_process_that_writes_much_to_its_standard_error_plays_on(program: Path) -> None:
     write(program, f"import sys\nsys.stderr.write(200_000 * 'warning\\n'){PLAYS}")
     options = EvaluationOptions(Path("w"), games=4, processes=2)
