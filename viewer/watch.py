@@ -158,7 +158,8 @@ class WatchScreen:
         lines = self._lines(step, values, scores, min(columns - beside, _MOST_SIDE), free)
         for number, line in enumerate(lines[:free], rows - free):
             text += f"\x1b[{number};{beside + 1}H{_PLAIN}{line}{_PLAIN}\x1b[K"
-        last = f"q leaves; {self._name} plays {self._title}, {len(scores)} games over"
+        games = f"{len(scores)} game{'' if len(scores) == 1 else 's'} over"
+        last = f"q leaves; {self._name} plays {self._title}, {games}"
         return f"{text}\x1b[{rows};1H{_PLAIN}{_DIM}{last[: columns - 1]}{_PLAIN}\x1b[K\x1b[0m"
 
     def _seen(self, size: tuple[int, int]) -> NDArray[np.uint8]:

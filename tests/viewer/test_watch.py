@@ -247,7 +247,7 @@ def test_of_an_environment_from_outside_its_picture_the_input_and_numbers_are_sh
             assert [picture[4, 74 + 10 * lamp, 0] > 200 for lamp in range(3)].index(True) == lit
             told = "\n".join(texts(written).values())
             assert f"score {step.info.game_score:g}   step {step.info.game_steps}" in told
-            for words in ("↑ network's input", "q leaves; my_lamps plays lamps, 1 games over"):
+            for words in ("↑ network's input", "q leaves; my_lamps plays lamps, 1 game over"):
                 assert words in told
             assert re.search(r"^    0   0\.500 █+\n    1   1\.000 █+\n    2   0\.250", told, re.M)
 
@@ -301,7 +301,7 @@ def test_a_person_watches_an_environment_from_outside(
     weights = tmp_path / "w.safetensors"
     weights.write_bytes(encode_weights(build_network(LAMPS_CONFIG, 3), LAMPS_CONFIG))
     person = Person("watch", str(weights), columns=300)  # the last line has the whole path
-    person.sees(r"plays lamps, 1 games over")
+    person.sees(r"plays lamps, 1 game over")
     person.types(b"q")
     assert person.leaves() == 0
     person.sees(r"game 1: score \d+")
