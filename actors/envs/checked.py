@@ -1,6 +1,8 @@
 """Checks what an environment of another package gives, and shows it: the replay would store wrong
 states in silence."""
 
+import math
+from numbers import Real
 from typing import Any, SupportsFloat
 
 import cv2
@@ -27,8 +29,8 @@ class CheckedEnv(gymnasium.Wrapper[Any, Any, Any, Any], ShownEnv[Any, Any]):
     has to be the frames of the state before without the oldest, and a new one; the first state of
     an episode repeats its only frame.
 
-    Making it raises InputError if the actions are otherwise; `reset` and `step`, if a state is; and
-    `seen`, if it cannot render, or a picture is none.
+    Making it raises InputError if the actions are otherwise, or the rate is none; `reset` and
+    `step`, if a state is; and `seen`, if it cannot render, or a picture is none.
     """
 
     def __init__(self, env: gymnasium.Env[Any, Any], config: RunConfig) -> None:
@@ -38,7 +40,14 @@ class CheckedEnv(gymnasium.Wrapper[Any, Any, Any, Any], ShownEnv[Any, Any]):
         self._shape = (config.play.frame_stack, *FRAME_SHAPE)
         self._width = config.vector_width
         self._frames: NDArray[np.uint8]
-        rate = env.metadata.get("render_fps") or config.play.steps_per_second
+        rate = env.metadata.get("render_fps")
+        if rate is None:
+            rate = config.play.steps_per_second
+        if not isinstance(rate, Real) or not 0 < float(rate) < math.inf:
+            raise InputError(
+                f"{self._name} has the render_fps {rate!r}: give the agent steps in a second of "
+                "play, more than 0."
+            )
         self.metadata = {**env.metadata, "render_fps": rate}
         actions = gymnasium.spaces.Discrete(config.action_count)
         found = getattr(env, "action_space", None)  # Gymnasium declares it and sets none

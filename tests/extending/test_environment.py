@@ -202,6 +202,15 @@ class Showing(Lamps):
         self.render = lambda: picture  # type: ignore[method-assign]
 
 
+@pytest.mark.parametrize("rate", [0, -5, float("nan"), float("inf"), "5"])
+def test_a_rate_that_is_none_is_refused(rate: Any) -> None:
+    env = Lamps(CONFIG.play)
+    env.metadata = {"render_fps": rate}
+    told = f"^the environment lamps has the render_fps {rate!r}: give the agent steps in a second"
+    with pytest.raises(InputError, match=told):
+        shown(env)
+
+
 def test_a_picture_that_is_high_has_its_margins_beside_it() -> None:
     env = shown(Showing(np.full((90, 41, 3), 7, np.uint8)))
     assert env.rate == CONFIG.play.steps_per_second == 15
