@@ -51,11 +51,7 @@ def write_atomically(path: Path, content: bytes, former: Path | None = None) -> 
         for partial in (fresh, kept):  # it must not fill the disk
             partial.unlink(missing_ok=True)
         raise
-    folder = os.open(path.parent, os.O_RDONLY)
-    try:
-        os.fsync(folder)  # or a power failure could restore the old name
-    finally:
-        os.close(folder)
+    _sync_names(path.parent)  # or a power failure could restore the old file
 
 
 def append_whole(path: Path, content: bytes, *, durable: bool = False) -> None:
@@ -69,9 +65,20 @@ def append_whole(path: Path, content: bytes, *, durable: bool = False) -> None:
                 rest = rest[os.write(file, rest) :]
             if durable:
                 os.fsync(file)
+                if not size:
+                    _sync_names(path.parent)  # or a power failure could take the new file
         except OSError:
             os.ftruncate(file, size)
             raise
+    finally:
+        os.close(file)
+
+
+def _sync_names(folder: Path) -> None:
+    """Puts the names of the files in ``folder`` on the disk."""
+    file = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(file)
     finally:
         os.close(file)
 

@@ -106,6 +106,17 @@ def test_the_name_is_on_the_disk_as_well_as_the_content(
         (f"{tmp_path}/file.tmp", {"file.tmp": b"new"}),
         (f"{tmp_path}", {"file": b"new"}),
     ]
+    (tmp_path / "file").unlink()
+    synced.clear()
+    table = tmp_path / "table"
+    for row in (b"1", b"2"):
+        append_whole(table, row, durable=True)
+    append_whole(table, b"3")
+    assert synced == [
+        (f"{table}", {"table": b"1"}),
+        (f"{tmp_path}", {"table": b"1"}),
+        (f"{table}", {"table": b"12"}),
+    ]
 
 
 def test_a_killed_process_leaves_the_old_or_the_new_file_at_every_moment(
