@@ -4,6 +4,7 @@ The latency is measured and not read from the settings. The game could not show 
 moves there may move by itself.
 """
 
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -17,6 +18,10 @@ so the soonest counts."""
 _LOOKS = MAX_PICTURE_LATENCY + 2
 """Agent steps from one change to the next: the latency of the slowest eye, and one more."""
 
+_ERRORS = 6.0
+"""Standard errors by which the brightest picture is lighter than the darkest if it shows another
+screen. Of so few pictures of one screen, noise lets none differ as much."""
+
 
 def eye_latency(
     look: Callable[[NDArray[np.uint8]], NDArray[np.uint8]], screen: NDArray[np.uint8]
@@ -28,10 +33,14 @@ def eye_latency(
         screen: shown afterwards, until no picture of the test is left.
     """
     tests = [np.full_like(screen, 255 * (switch % 2 == 0)) for switch in range(_SWITCHES)]
-    light = np.array([[look(test).mean() for _ in range(_LOOKS)] for test in tests])
+    pictures = [look(test).astype(np.int16) for test in tests for _ in range(_LOOKS)]
     for _ in range(_LOOKS):
         look(screen)
-    bright = (light > (light.min() + light.max()) / 2).ravel()
+    light = np.array([picture.mean() for picture in pictures])
+    difference = pictures[light.argmax()] - pictures[light.argmin()]
+    if difference.mean() <= _ERRORS * difference.std() / math.sqrt(difference.size):
+        return 0
+    bright = light > (light.min() + light.max()) / 2
     changes = np.flatnonzero(bright[1:] != bright[:-1]) + 1
     # If all pictures of a test were lost, the change after it cannot be seen either.
     seen = [each % _LOOKS for each in changes if bright[each] == (each // _LOOKS % 2 == 0)]
