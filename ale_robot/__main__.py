@@ -6,7 +6,7 @@ from importlib import import_module
 from itertools import takewhile
 
 from ale_robot import __version__
-from ale_robot.commands import MEANT, OF_POLICIES, PROGRAMS, help_of, overview
+from ale_robot.commands import MEANT, POLICY_COMMANDS, PROGRAMS, help_of, overview
 from common.errors import InputError, choice, exit_on_input_error
 from common.process.lifeline import leave_at_interrupt
 
@@ -24,7 +24,7 @@ def run() -> int | None:
         meant = MEANT.get(name) or choice(name, list(PROGRAMS))
         raise InputError(f"there is no command {name!r}: {meant}")
     helps = {"-h", "--help", "--help-all"} & {*arguments}
-    if helps and name == "policies" and arguments[0] in OF_POLICIES:
+    if helps and name == "policies" and arguments[0] in POLICY_COMMANDS:
         arguments = [arguments[0], "--help"]
     elif helps - {"--help-all"}:
         print(help_of(name))

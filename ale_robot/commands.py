@@ -36,7 +36,7 @@ MEANT = {
 EXTENSIBLE = {"train", "replay", "evaluate", "watch", "play", "human", "record", "check", "film"}
 """Commands whose flags choose an environment, a robot or an algorithm."""
 
-OF_POLICIES = ("push", "pull")
+POLICY_COMMANDS = ("push", "pull")
 """Commands of `policies`, each with a help of its own."""
 
 HELP = {

@@ -18,7 +18,7 @@ from typing import Annotated, Any
 
 import tyro
 
-from ale_robot.commands import OF_POLICIES
+from ale_robot.commands import POLICY_COMMANDS
 from ale_robot.model_card import model_card
 from common.atomic_file import write_atomically
 from common.checked import NAME
@@ -177,7 +177,7 @@ def main() -> None:
     if not sys.argv[1:]:
         Policies().run(threading.Event())
         return
-    if (name := sys.argv[1]) not in OF_POLICIES and not name.startswith("-"):
+    if (name := sys.argv[1]) not in POLICY_COMMANDS and not name.startswith("-"):
         raise InputError(
             f"`ale-robot policies` has no command {name!r}: omit it to list the shipped policies, "
             "or choose push or pull."

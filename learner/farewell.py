@@ -33,11 +33,11 @@ class Farewell:
     now: Now
     stop: threading.Event
 
-    def of_actors(self) -> None:
+    def wait_for_actors(self) -> None:
         """Lets the actors hand in their last chunks and leave."""
         self._look_while(lambda: self.registry.alive("actor"), _TO_LEAVE)
 
-    def of_evaluators(self) -> None:
+    def wait_for_evaluators(self) -> None:
         """Lets the evaluators play the last tests and leave; says so if epochs stay untested."""
         self.evaluation.finish()
         self.look()  # a local evaluator that has just ended is started again

@@ -346,7 +346,7 @@ class Learner:
             now=self.clock.now,
             stop=self.stop,
         )
-        farewell.of_actors()
+        farewell.wait_for_actors()
         if self.phases.phase_steps >= _LEAST_PHASE * self.phases.phase_length:
             self._end_phase()
-        farewell.of_evaluators()
+        farewell.wait_for_evaluators()

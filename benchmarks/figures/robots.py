@@ -144,7 +144,7 @@ def _of_learner(updates: float, sample: Mapping[str, Any]) -> Iterator[list[str]
     )
     yield _row(
         "MB/s of minibatches, if replay and learner are on two machines",
-        np.minimum(_DUE, updates) * batch_bytes / 1e6,
+        _made(updates) * batch_bytes / 1e6,
         f"computed: {batch_bytes / 1e6:.1f} MB each, at most {updates:.0f}/s",
         f"1 Gbit/s at {_GIGABIT / batch_bytes:.0f} updates/s",
     )
@@ -152,7 +152,7 @@ def _of_learner(updates: float, sample: Mapping[str, Any]) -> Iterator[list[str]
 
 def _of_weights(updates: float, hub: Mapping[str, Any]) -> Iterator[list[str]]:
     """Yields the rows of the weights that such a learner publishes to all robots."""
-    weights = np.minimum(_DUE, updates) / _PAPER.publish_period * WEIGHTS_BYTES * _ROBOTS
+    weights = _made(updates) / _PAPER.publish_period * WEIGHTS_BYTES * _ROBOTS
     # More robots mean more updates, up to the learner's limit, and all robots get the weights.
     pace = _GIGABIT * _PAPER.publish_period / WEIGHTS_BYTES
     full = max(math.sqrt(pace * _PAPER.train_period / STEPS_PER_SECOND), pace / updates)
@@ -170,6 +170,11 @@ def _of_weights(updates: float, hub: Mapping[str, Any]) -> Iterator[list[str]]:
         np.maximum(_PAPER.publish_period, period),
         "computed",
     )
+
+
+def _made(updates: float) -> NDArray[np.float64]:
+    """Returns the updates per second that such a learner makes of those due."""
+    return np.minimum(_DUE, updates)
 
 
 def _row(what: str, values: NDArray[np.float64], how: str, limit: str = "") -> list[str]:

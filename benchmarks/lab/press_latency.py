@@ -31,7 +31,7 @@ from common.games import SCREEN_SHAPE
 from common.registry import ROBOTS
 from common.run.conditions import CameraConfig, PlayConfig
 from common.strict_json import strict
-from learner.figures.plot_style import check_picture, save
+from learner.figures.plot_style import check_figure, save
 
 _NAMES = ["".join(key.name[0] for key in keys if key.name) or "·" for keys in KEYS_OF_ACTION]
 """Each action's keys as letters, such as "UR" or "DLF"; a dot for no keys."""
@@ -53,7 +53,7 @@ class Options(BenchmarkOptions):
     def check(self) -> None:
         super().check()
         if self.output is not None:
-            check_picture(self.output)
+            check_figure(self.output)
 
 
 def tables(found: Sequence[Change]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

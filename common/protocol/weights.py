@@ -11,7 +11,7 @@ from torch import Tensor, nn
 from common.errors import InputError, MessageError
 from common.regular_file import read_file
 from common.run.config import RunConfig
-from common.run.origin import no_network, origin_metadata
+from common.run.origin import not_a_network, origin_metadata
 
 
 def encode_weights(
@@ -87,7 +87,7 @@ def load_weights_file(network: nn.Module, file: Path, what: str) -> None:
     except OSError as error:
         raise InputError(f"{file} cannot be read: {error.strerror}.") from None
     except NotSafetensors as error:
-        raise no_network(file, error) from None
+        raise not_a_network(file, error) from None
     except MessageError as error:
         raise InputError(
             f"{file} does not fit {what} ({error}): choose what it was trained with by --env, "

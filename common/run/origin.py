@@ -102,12 +102,12 @@ def _metadata(weights: Path) -> dict[str, str]:
         with safe_open(weights, "np") as file:
             return file.metadata() or {}
     except SafetensorError as error:
-        raise no_network(weights, error) from None
+        raise not_a_network(weights, error) from None
     except OSError:
         return {}
 
 
-def no_network(file: Path, error: Exception) -> InputError:
+def not_a_network(file: Path, error: Exception) -> InputError:
     """Returns the error that says that ``file`` is not a network's."""
     return InputError(f"{file} holds no network ({error}): name a .safetensors file.")
 

@@ -24,7 +24,7 @@ with extra_for("a figure", "plot"):
 
     from learner.figures.plot_histogram import histogram_figure, read_evaluations
     from learner.figures.plot_runs import Group, Phase, epochs_figure, progress_figure, read_groups
-    from learner.figures.plot_style import check_picture, renamed, save
+    from learner.figures.plot_style import check_figure, renamed, save
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class Options:
         for path in self.paths:
             if not path.exists():
                 raise InputError(f"{path} does not exist: name a run's folder or a results file.")
-        check_picture(self.output)
+        check_figure(self.output)
 
 
 Figures: TypeAlias = Mapping[str, Callable[[Options], Figure]]

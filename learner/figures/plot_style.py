@@ -73,7 +73,7 @@ def renamed(found: Sequence[N], names: Sequence[str]) -> list[N]:
     return [each._replace(name=new[each.name]) for each in found]
 
 
-def check_picture(path: Path) -> None:
+def check_figure(path: Path) -> None:
     """Refuses a path that does not end like a picture, or cannot be written.
 
     Raises:

@@ -43,14 +43,14 @@ class End(threading.Event):
 @pytest.mark.parametrize("role", ["actor", "evaluator"])
 def test_who_has_not_heard_of_the_end_is_waited_for_a_minute(role: str) -> None:
     end = End(**{role: True})
-    end.farewell.of_actors() if role == "actor" else end.farewell.of_evaluators()
+    end.farewell.wait_for_actors() if role == "actor" else end.farewell.wait_for_evaluators()
     assert end.now == pytest.approx(60, abs=1)
     assert end.said == []
 
 
 def test_without_evaluators_and_without_a_test_there_is_nothing_to_say() -> None:
     end = End()
-    end.farewell.of_evaluators()
+    end.farewell.wait_for_evaluators()
     assert (end.now, end.said) == (0, [])
 
 
@@ -61,7 +61,7 @@ def test_each_test_that_ends_grants_the_others_an_hour_more() -> None:
         6_000.0: lambda: setattr(end.evaluation, "pending", 0),
         6_010.0: end.alive.clear,
     }
-    end.farewell.of_evaluators()
+    end.farewell.wait_for_evaluators()
     assert end.now == pytest.approx(6_010, abs=1)
     assert end.said == []
 
@@ -72,7 +72,7 @@ def test_neither_a_stop_nor_an_evaluator_that_leaves_is_an_hour_without_a_game(
 ) -> None:
     end = End(pending=1, evaluator=True)
     end.at = {100.0: end.set if stops else end.alive.clear}
-    end.farewell.of_evaluators()
+    end.farewell.wait_for_evaluators()
     assert end.now < 102
     assert end.said == []
 
@@ -80,7 +80,7 @@ def test_neither_a_stop_nor_an_evaluator_that_leaves_is_an_hour_without_a_game(
 def test_after_the_last_test_that_ends_an_hour_without_one_is_the_end() -> None:
     end = End(pending=2, evaluator=True)
     end.at = {3_000.0: lambda: setattr(end.evaluation, "pending", 1), 9_999.0: end.set}
-    end.farewell.of_evaluators()
+    end.farewell.wait_for_evaluators()
     assert end.now == pytest.approx(3_000 + 3_600 + 60, abs=2)
     assert [said[:37] for said in end.said] == ["No game of a test has ended in 60 min"]
 
@@ -91,7 +91,7 @@ def test_what_came_just_before_the_last_actor_left_is_taken_in() -> None:
     taken: list[str] = []
     end.look = lambda: taken.extend(came)
     end.registry.alive = lambda role: came.append("its last chunk")
-    end.farewell.of_actors()
+    end.farewell.wait_for_actors()
     assert taken == ["its last chunk"]
 
 
@@ -99,6 +99,6 @@ def test_a_local_evaluator_that_has_just_ended_is_started_again_and_expected() -
     end = End(pending=1)
     end.look = lambda: setattr(end.children, "works", lambda role: role == "evaluator")
     end.at = {5.0: lambda: setattr(end.evaluation, "pending", 0)}
-    end.farewell.of_evaluators()
+    end.farewell.wait_for_evaluators()
     assert end.now == pytest.approx(5, abs=1)
     assert end.said == []
