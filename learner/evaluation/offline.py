@@ -18,6 +18,7 @@ from common.atomic_file import write_atomically
 from common.errors import InputError
 from common.minus import points
 from common.network import build_network
+from common.process.exit_codes import FAILED
 from common.process.progress import Progress
 from common.process.supervisor import Child
 from common.protocol.weights import load_weights_file
@@ -158,10 +159,10 @@ def play(
             playing -= 1
             status = children[at].wait()
             if status and not stop.is_set():  # one signal may end all processes
-                why = (
-                    children[at].last_line() if status > 0 else f"signal {-status} ended a process"
-                )
-                raise InputError(f"the games could not be played: {why}.")
+                why, code = children[at].last_line(), status
+                if status < 0:
+                    why, code = f"signal {-status} ended a process", FAILED
+                raise InputError(f"the games could not be played: {why}.", code)
     finally:
         for child in children:
             child.kill()

@@ -12,6 +12,7 @@ import pytest
 from rich.console import Console
 
 from common.errors import InputError
+from common.process.exit_codes import FAILED
 from common.process.supervisor import Child
 from common.registry import ENVIRONMENTS, Environment
 from common.run.clock import ClockConfig
@@ -71,18 +72,20 @@ def test_no_more_processes_than_games(program: Path) -> None:
 
 def test_a_process_that_fails_is_quoted(program: Path) -> None:
     write(
-        program, "import sys; print('error: weights of 4 actions.', file=sys.stderr); sys.exit(2)"
+        program, "import sys; print('error: weights of 4 actions.', file=sys.stderr); sys.exit(5)"
     )
     options = EvaluationOptions(Path("w"), games=2, processes=2)
-    with pytest.raises(InputError, match=r"could not be played: weights of 4 actions\.$"):
+    with pytest.raises(InputError, match=r"played: weights of 4 actions\.$") as error:
         list(play(options, CONFIG, [], threading.Event()))
+    assert error.value.exit_code == 5
 
 
 def test_a_process_that_is_killed_is_told(program: Path) -> None:
     write(program, "import os; os.kill(os.getpid(), 9)")
     options = EvaluationOptions(Path("w"), games=2, processes=2)
-    with pytest.raises(InputError, match=r"could not be played: signal 9 ended a process\.$"):
+    with pytest.raises(InputError, match=r"played: signal 9 ended a process\.$") as error:
         list(play(options, CONFIG, [], threading.Event()))
+    assert error.value.exit_code == FAILED
 
 
 def test_a_process_that_writes_much_to_its_standard_error_plays_on(program: Path) -> None:
