@@ -2,8 +2,11 @@
 
 
 def minus_signed(number: str) -> str:
-    """Returns a number's text with its hyphen replaced by a minus sign, as wide as a digit."""
-    return f"−{number[1:]}" if number.startswith("-") else number
+    """Returns a number's text with its hyphen replaced by a minus sign, as wide as a digit, or
+    without it if the number was rounded to 0."""
+    if not number.startswith("-"):
+        return number
+    return f"−{number[1:]}" if number.strip("-0.") else number[1:]
 
 
 def points(score: float) -> str:

@@ -155,7 +155,7 @@ def action_values(
     drawn = np.sort(np.argsort(ranks, kind="stable")[: height // _LEAST_ROW]).tolist()
     pitch = min(height // len(drawn), most_pitch)
     scale = max(pitch / least_pitch, 1.0)
-    numbers = [] if values is None else [f"{values[index]:.2f}" for index in drawn]
+    numbers = [] if values is None else [f"{values[index]:z.2f}" for index in drawn]
     *widths, usual = (
         cv2.getTextSize(number, _FONT, _SMALL * scale, 1)[0][0] for number in (*numbers, "-0.00")
     )

@@ -2,8 +2,9 @@
 
 Everything important fits 80 × 24. A larger terminal shows more figures, actors and events, and then
 a taller chart. A narrower one has the same figures down to 60 columns, in two panels side by side,
-and lists health checks if lines are left. Nothing wraps, so the number of lines is known before
-they are drawn.
+and lists health checks if lines are left. A lower one lists fewer actors and health checks, so that
+red ones and their reasons stay. Nothing wraps, so the number of lines is known before they are
+drawn.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -88,7 +89,8 @@ def picture_width(columns: int, rows: int) -> int:
 
 def _parts(snapshot: Snapshot, width: int, rows: int) -> Iterable[RenderableType]:
     large = rows >= _LARGE
-    spare = max(rows - (_LARGE if large else _ROWS), 0)
+    spare = rows - (_LARGE if large else _ROWS)
+    short, spare = min(spare, 0), max(spare, 0)
     panels = panels_of(snapshot.values)
     figures = _FIGURES
     if large:
@@ -108,7 +110,7 @@ def _parts(snapshot: Snapshot, width: int, rows: int) -> Iterable[RenderableType
     yield from gap
     yield from _history(snapshot, width, 5 + taller if large else 1)
     yield Text() if large else page
-    listed = _LIST_ROWS + more_rows
+    listed = max(_LIST_ROWS + more_rows + short, 1)
     yield _beside(_actors(snapshot, listed, width), _checks(snapshot, listed), last_width=40)
     if large:
         yield Text()
@@ -117,16 +119,19 @@ def _parts(snapshot: Snapshot, width: int, rows: int) -> Iterable[RenderableType
 
 
 def _parts_in_pairs(snapshot: Snapshot, width: int, rows: int) -> Iterable[RenderableType]:
-    spare = max(rows - _ROWS, 0)
+    short, spare = min(rows - _ROWS, 0), max(rows - _ROWS, 0)
+    listed = max(_FIGURES + short, 1)
     checks = min(len(snapshot.checks), spare)
     more_actors = min(max(len(snapshot.present) - _FIGURES, 0), spare - checks)
-    *panels, last = _figures(panels_of(snapshot.values), snapshot.values, _FIGURES)
+    panels = panels_of(snapshot.values)
+    *first, _ = _figures(panels, snapshot.values, _FIGURES)
+    *_, last = _figures(panels, snapshot.values, listed)
     yield _header(snapshot.values, width)
     yield _progress(snapshot.values, width)
-    yield _beside(*panels)
+    yield _beside(*first)
     yield from _history(snapshot, width, 1)
     yield _page(snapshot.values)
-    yield _beside(last, _actors(snapshot, _FIGURES + more_actors, width))
+    yield _beside(last, _actors(snapshot, listed + more_actors, width))
     yield _checks(snapshot, checks)
     yield _events(snapshot, 2 + spare - checks - more_actors)
 
@@ -212,11 +217,16 @@ def _figures(panels: Mapping[str, Sequence[Metric]], values: Values, rows: int) 
 
 
 def _panel(title: str, metrics: Sequence[Metric], values: Values, rows: int) -> Group:
-    grid = _grid(Column(), Column(ratio=1, justify="right"))
-    for metric in metrics[:rows]:
-        label, text = label_and_text(metric, values)
-        grid.add_row(_text(label, _LABEL), _text(text))
-    return Group(_title(title), grid)
+    return Group(_title(title), *(_figure(metric, values) for metric in metrics[:rows]))
+
+
+def _figure(metric: Metric, values: Values) -> Table:
+    """Returns a figure's line. Without room for all of it the label is cut, because a number that
+    is cut is another one."""
+    label, text = label_and_text(metric, values)
+    line = _grid(Column(ratio=1), Column(justify="right"))
+    line.add_row(_text(label, _LABEL), _text(text))
+    return line
 
 
 def _history(snapshot: Snapshot, width: int, rows: int) -> Iterable[RenderableType]:

@@ -311,6 +311,32 @@ def test_red_check_is_told_with_its_reason() -> None:
     assert "actor-3 was lost, restarted" in text
 
 
+@pytest.mark.parametrize("size", [(60, 19), (80, 18), (80, 20), (120, 23)])
+def test_a_low_screen_keeps_what_is_wrong(size: tuple[int, int]) -> None:
+    text = "\n".join(drawn(replace(STATUS, actors=actors(8), checks=checks(0.31)), *size))
+    assert "Health checks, 1 red" in text
+    assert "✗ valid frames: the screen is not found in the camera's " in text
+    refused = STATUS.checks[-1]._replace(passed=False)
+    text = "\n".join(drawn(replace(STATUS, checks=(*STATUS.checks[:-1], refused)), *size))
+    assert f"✗ {refused.name}: actors send what the replay " in text
+    assert size[0] < 80 or re.search(r"✗ refused chunks +0 += 0", text)
+
+
+def test_numbers_are_whole_where_labels_have_no_room() -> None:
+    wide: dict[str, Value] = {
+        "play/train_reward": 12_345.67,
+        "play/test_reward": -123_456.78,
+        "learning/mean_max_q": -12_345.678,
+        "hands/release_p50": 350 / 3,
+        "hands/release_p99": 400 / 3,
+        "stream/staleness_p95": 12_345.0,
+    }
+    text = "\n".join(drawn(changed(STATUS, wide)))
+    for told in ("−123,456.78", "12,345.67", "−12,345.678", "117/133 ms", "38/12,345 upd."):
+        assert re.search(rf" {told}( |$)", text, re.MULTILINE), told
+    assert re.search(r"press p50/99 +50/67 ms", text)  # a label is cut beside such a number only
+
+
 def test_warm_up_has_its_own_bar() -> None:
     text = "\n".join(drawn(changed(EMPTY, {"run/phase_steps": 2_500, "run/seconds_left": 90.0})))
     assert re.search(r"Warm-up .* 25 % +2,500 of 10,000 steps +01:30 left", text)
