@@ -275,7 +275,7 @@ declare(
            gate="release_p50_ms"),
     Metric("hands/release_p99", "milliseconds", "ms",
            "99th percentile of the time until every key of the previous command is up, recently",
-           gate="release_p99_ms"),
+           robot=True, gate="release_p99_ms"),
 
     Metric("stream/steps_per_second", "per second", ".1", "Recent agent steps per second",
            "steps/s", ("Stream", 1), line="{stream/steps_per_second} steps/s", curve=True),

@@ -1,5 +1,6 @@
 """`python -m viewer film`: a film of one network's play, or of how a run learned."""
 
+import sys
 import threading
 from collections.abc import Iterable
 from contextlib import closing
@@ -54,7 +55,8 @@ class Film(Played):
     epsilon: Fraction = 0.001
     """Share of random actions of the network's play."""
     seconds: Amount = 0.0
-    """Seconds of play, for each epoch of a run (8 by default); 0 films a whole game."""
+    """Seconds of play, in as many games as that takes, for each epoch of a run (8 by default); 0
+    films a whole game."""
     video: File = None
     """Film; its name ends in .mp4 or .gif. By default film.mp4, or films/learning.mp4 in the folder
     of a run that is filmed epoch by epoch."""
@@ -87,6 +89,7 @@ class Film(Played):
             **{field.name: getattr(self, field.name) for field in fields(Played)},
             weights=find_weights(self.shown) if self.shown else shown_weights(self.env),
             epsilon=self.epsilon,
+            games=sys.maxsize if self.seconds else 1,  # a short game would end a film of seconds
             seconds=self.seconds,
             video=self.video or Path("film.mp4"),
             nao_urdf=self.nao_urdf,

@@ -1,5 +1,6 @@
 """What the page shows of a snapshot, as texts and numbers of JSON's types."""
 
+import re
 from typing import Any
 
 from common.metrics import METRICS, Metric, Value, Values, number
@@ -14,11 +15,16 @@ _UNSAID = ("none", "ratio", "per second")
 
 def about(metric: Metric) -> dict[str, str]:
     """Returns name, meaning, unit and form of a curve."""
-    label = formats.short_label(metric) or metric.gate.replace("_", " ") or metric.key
+    if metric.bound:
+        label = metric.bound.check.removesuffix(" ms")
+    elif metric.label and metric.shown.count("{") < 2:  # "press p50/99" names two figures
+        label = formats.short_label(metric)
+    else:
+        label = re.sub("[/_]", " ", metric.gate.removesuffix("_ms") or metric.key)
     return {
         "label": label,
         "meaning": metric.meaning,
-        "unit": "" if metric.unit in _UNSAID or "/s" in metric.label else metric.unit,
+        "unit": "" if metric.unit in _UNSAID or metric.unit in label else metric.unit,
         "form": metric.form,
     }
 

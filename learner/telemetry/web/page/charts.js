@@ -2,8 +2,8 @@
 
 const NS = "http://www.w3.org/2000/svg";
 
-// A minus sign for the hyphen before a written number, as on the terminal's screen.
-export const minus = number => number.replace(/^-/, "−");
+// A minus sign for the hyphen before a written number, but none before 0, as on the terminal's screen.
+export const minus = number => number.replace(/^-(?=[0.]+$)/, "").replace(/^-/, "−");
 
 export function written(value, form) {
   return value === null || value === undefined ? "–" : minus(digits(value, form));
@@ -31,12 +31,15 @@ function shortened(steps) {
   return steps >= 1e3 ? `${+(steps / 1e3).toFixed(1)}k` : String(steps);
 }
 
-// About three round numbers between two others.
+// About three round numbers between two others, and how they are written.
 function ticks(low, high) {
   const rough = (high - low) / 3, power = 10 ** Math.floor(Math.log10(rough));
   const step = [1, 2, 5, 10].map(each => each * power).find(each => each >= rough);
+  const maximumFractionDigits = Math.min(Math.max(0, -Math.floor(Math.log10(step))), 20);
   const found = [];
-  for (let i = Math.ceil(low / step); i * step <= high; i++) found.push(i * step);
+  for (let i = Math.ceil(low / step); i * step <= high; i++) {
+    found.push([i * step, minus((i * step).toLocaleString("en", {maximumFractionDigits}))]);
+  }
   return found;
 }
 
@@ -90,12 +93,13 @@ export class Chart {
     else if (low === high) { const room = Math.abs(low) * 0.05 || 1; low -= room; high += room; }
     const margin = (high - low) * 0.06;
     low -= margin; high += margin;
-    const left = 42, right = width - 8, top = 6, bottom = height - 16;
+    const marks = ticks(low, high);
+    const left = Math.max(42, ...marks.map(([, told]) => 8 + 6.5 * told.length)), right = width - 8, top = 6, bottom = height - 16;
     const x = steps => left + (steps - begin) / (end - begin) * (right - left);
     const y = value => bottom - (value - low) / (high - low) * (bottom - top);
-    for (const tick of ticks(low, high)) {
+    for (const [tick, told] of marks) {
       draw(svg, "line", {class: "tick", x1: left, x2: right, y1: y(tick), y2: y(tick)});
-      draw(svg, "text", {x: left - 6, y: y(tick) + 3, "text-anchor": "end"}, minus(String(+tick.toPrecision(6))));
+      draw(svg, "text", {x: left - 6, y: y(tick) + 3, "text-anchor": "end"}, told);
     }
     draw(svg, "text", {x: left, y: height - 3}, shortened(begin));
     draw(svg, "text", {x: right, y: height - 3, "text-anchor": "end"}, `${shortened(end)} steps`);

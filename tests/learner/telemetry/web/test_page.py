@@ -105,7 +105,12 @@ def test_it_tells_the_figures_by_their_declarations(place: Place) -> None:
     assert learning["loss"]["meaning"] == "Mean loss of the recent updates"
     assert state["curves"]["values"]["learning/loss"] == [0.5]
     assert state["curves"]["values"]["play/train_reward"] == [None]
-    assert state["about"]["learning/loss"]["label"] == "loss"
+    titles = {key: each["label"] for key, each in state["about"].items()}
+    assert titles["learning/loss"] == "loss"
+    assert titles["learning/held_out_std"] == "max-Q deviation"  # as its health check
+    assert titles["stream/staleness_p50"] == "stream staleness p50"  # not "stale p50/95"
+    assert titles["hands/release_p99"] == "release p99"
+    assert state["about"]["hands/release_p99"]["unit"] == "milliseconds"
     assert (state["checks"][0]["passed"], state["checks"][0]["bound"]) == (False, "≥ 0.5")
     (actor,) = state["actors"]
     assert (actor["name"], actor["machine"], actor["age"]) == ("a", "host-7", "1:01:40")
