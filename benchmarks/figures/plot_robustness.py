@@ -14,6 +14,8 @@ from learner.figures.plot_style import INK, Series, line_figure
 
 _WORST, _BEST = -21.0, 21.0
 """Scores of Pong at the ends of the colour scale; other games have a scale of their own range."""
+_LUMINANCE = (0.2126, 0.7152, 0.0722)
+"""Shares of red, green and blue in the luminance of a colour, Rec. 709."""
 _WORDS = {
     "nominal": "a perfect camera",
     "grain": "noise and blur",
@@ -77,7 +79,7 @@ def _heat_map(axes: Axes, grid: Grid, low: float, high: float) -> Any:
     image = axes.imshow(values, cmap="RdYlBu", vmin=low, vmax=high, aspect="auto")
     for (row, column), value in np.ndenumerate(values):
         if np.isfinite(value):
-            light = 0.2 < (value - low) / max(high - low, 1e-9) < 0.8
+            light = np.dot(image.to_rgba(value)[:3], _LUMINANCE) > 0.5
             text = f"{value:.1f}".replace("-", "−")
             axes.text(column, row, text, ha="center", va="center", color=INK if light else "white")
     axes.set_xticks(range(len(grid.added_ms)), [f"{added:.0f}" for added in grid.added_ms])

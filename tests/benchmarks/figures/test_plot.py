@@ -12,12 +12,13 @@ import numpy as np
 import pytest
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
-from matplotlib.colors import to_hex
+from matplotlib.colors import to_hex, to_rgba
 from matplotlib.figure import Figure
 
 from benchmarks.figures.plot import FIGURES
 from benchmarks.figures.plot import Options as ResultOptions
 from benchmarks.figures.plot_delay import read_late_keys
+from benchmarks.figures.plot_robustness import Grid, robustness_figure
 from benchmarks.lab import actuation_latency as late_keys
 from common.errors import InputError
 from common.run.epochs import EpochTable
@@ -369,6 +370,23 @@ def robustness(path: Path, optics: Sequence[str], means: Sequence[float]) -> Pat
     about = {"network": "a", "epsilon": 0.001, "sticky": 0.25, "cells": cells}
     path.write_text(json.dumps(about))
     return path
+
+
+def test_scores_in_a_heat_map_stand_out_from_every_colour() -> None:
+    optics, scores = ["nominal", "late"], np.linspace(-21.0, 21.0, 43)
+    means = {(each, float(score)): float(score) for each in optics for score in scores}
+    axes = robustness_figure([Grid("all", optics, scores.tolist(), means)]).axes[0]
+    (image,) = axes.get_images()
+    for text in axes.texts:
+        cell = image.to_rgba(scores[int(text.get_position()[0])])
+        shades = [_luminance(colour[:3]) + 0.05 for colour in (to_rgba(text.get_color()), cell)]
+        assert max(shades) / min(shades) > 3, text.get_text()  # as WCAG asks of figures
+
+
+def _luminance(colour: Sequence[float]) -> float:
+    """Returns the relative luminance of an sRGB colour, as in WCAG 2."""
+    linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in colour]
+    return float(np.dot(linear, (0.2126, 0.7152, 0.0722)))
 
 
 def test_a_grid_is_a_heat_map(tmp_path: Path) -> None:
