@@ -150,7 +150,12 @@ def _latency_table(found: list[Change]) -> Table | str:
         ("p50", lambda latency: latency.p50_ms, AGENT_STEP_MS, "{:.1f} ms"),
         ("p99", lambda latency: latency.p99_ms, 2 * AGENT_STEP_MS, "{:.1f} ms"),
         ("not reached", lambda latency: latency.unreached, 0, "{:.0f}"),
-        ("over a stray key", lambda latency: latency.stray_share, MOST_STRAYS, "{:.1%}"),
+        (
+            "over a stray key, %",
+            lambda latency: 100 * latency.stray_share,
+            100 * MOST_STRAYS,
+            "{:.1f}",
+        ),
     ]
     for name, figure, goal, shown in rows:
         cells = [

@@ -125,14 +125,14 @@ _LINES: tuple[tuple[str, Callable[[Mapping[str, Any]], str]], ...] = (
     ("median", lambda row: points(row["median"])),
     ("least, most", lambda row: f"{points(row['least'])}, {points(row['most'])}"),
     ("agent steps", lambda row: f"{row['steps']:,}"),
-    ("keys as commanded", lambda row: f"{row['press_match_share']:.1%}"),
+    ("keys as commanded", lambda row: f"{100 * row['press_match_share']:.1f} %"),
     ("command to keys, p50/p99 ms", _hands),
-    ("frames valid", lambda row: f"{row['valid_frame_share']:.1%}"),
+    ("frames valid", lambda row: f"{100 * row['valid_frame_share']:.1f} %"),
     ("time", _pace),
     ("game ÷ wall seconds", lambda row: f"{row['game_per_wall']:.2f}"),
     (
         "deadlines kept",
-        lambda row: "" if row["speed"] is None else f"{row['deadlines_kept_share']:.2%}",
+        lambda row: "" if row["speed"] is None else f"{100 * row['deadlines_kept_share']:.2f} %",
     ),
     ("late frames", lambda row: "" if row["speed"] is None else f"{row['late_frames']:,}"),
 )

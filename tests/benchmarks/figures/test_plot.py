@@ -379,7 +379,7 @@ def test_scores_in_a_heat_map_stand_out_from_every_colour() -> None:
     (image,) = axes.get_images()
     for text in axes.texts:
         cell = image.to_rgba(scores[int(text.get_position()[0])])
-        shades = [_luminance(colour[:3]) + 0.05 for colour in (to_rgba(text.get_color()), cell)]
+        shades = [_luminance([*colour[:3]]) + 0.05 for colour in (to_rgba(text.get_color()), cell)]
         assert max(shades) / min(shades) > 3, text.get_text()  # as WCAG asks of figures
 
 

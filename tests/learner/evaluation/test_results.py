@@ -90,7 +90,7 @@ def test_real_time_tells_how_many_decisions_were_in_time() -> None:
     content, shown = summed_up([game({}), game({})], ClockConfig(sync=False))
     assert content["deadlines_kept_share"] == 1 - 8 / 160
     assert (content["late_frames"], content["speed"]) == (14, 1.0)
-    assert row(shown, "deadlines kept") == "95.00%"
+    assert row(shown, "deadlines kept") == "95.00 %"
     assert row(shown, "late frames") == "14"
     assert row(shown, "game ÷ wall") == "1.50"
     assert row(shown, "time") == "real time"
@@ -104,7 +104,7 @@ def test_what_is_not_in_real_time_says_so() -> None:
     content, shown = summed_up([game({})], ClockConfig(sync=False, speed=200))
     assert (content["deadlines_kept_share"], content["speed"]) == (0.95, 200)
     assert row(shown, "time") == "real time × 200"
-    assert row(shown, "deadlines kept") == "95.00%"
+    assert row(shown, "deadlines kept") == "95.00 %"
 
 
 def test_seconds_of_all_games_are_summed_up() -> None:
@@ -157,11 +157,11 @@ def test_a_headline_has_a_column_for_each_measure() -> None:
         ["median", "−21", "−21"],
         ["least, most", "−21, −21", "−21, −21"],
         ["agent steps", "100", "100"],
-        ["keys as commanded", "80.0%", "80.0%"],
-        ["frames valid", "100.0%", "100.0%"],
+        ["keys as commanded", "80.0 %", "80.0 %"],
+        ["frames valid", "100.0 %", "100.0 %"],
         ["time", "real time", "real time"],
         ["game ÷ wall seconds", "1.50", "1.50"],
-        ["deadlines kept", "95.00%", "95.00%"],
+        ["deadlines kept", "95.00 %", "95.00 %"],
         ["late frames", "14", "14"],
     ]
 
