@@ -36,6 +36,7 @@ SCALES = """async curves => {
         chart.set(curve);
         const texts = [...chart.svg.querySelectorAll("text")];
         const told = texts.map(each => each.getBBox().x < 0 ? "cut" : each.textContent);
+        told.push(chart.now.textContent);
         chart.svg.parentElement.remove();
         return told;
     });
@@ -137,13 +138,25 @@ def test_a_person_sees_the_robots_play_and_the_curves_grow(stage: Stage, browser
     curves = [[], [[0, 0.0]] * 2, [[0, 0.0], [9, 0.0]], [[0, -21.0], [9, -20.0]]]
     curves += [[[0, 0.000499], [9, 0.0005]], [[0, -34.50611], [9, 5_000.0]]]
     scales = browser.page.evaluate(SCALES, curves)
-    assert scales[:2] == [["no curve yet"]] * 2
+    assert scales[:2] == [["no curve yet", "–"], ["no curve yet", "0.0"]]
     assert scales[2:] == [
-        ["0", "0.5", "1", "0", "9 steps"],
-        ["−21", "−20.5", "−20", "0", "9 steps"],
-        ["0.000499", "0.0004995", "0.0005", "0", "9 steps"],
-        ["0", "2,000", "4,000", "0", "9 steps"],
+        ["0", "0.5", "1", "0", "9 steps", "0.0"],
+        ["−21", "−20.5", "−20", "0", "9 steps", "−20.0"],
+        ["0.000499", "0.0004995", "0.0005", "0", "9 steps", "0.0"],
+        ["0", "2,000", "4,000", "0", "9 steps", "5,000.0"],
     ]
+
+    def redden(route: Any) -> None:
+        answer = route.fetch()
+        state = answer.json()
+        state["checks"][0]["passed"] = False
+        route.fulfill(response=answer, json=state)
+
+    why = "the screen is not found in the camera's picture"
+    assert why not in browser.text("#checks")
+    browser.page.route("**/state?*", redden)
+    browser.until(lambda: why in browser.text("#checks"), "a red check says why")
+    browser.page.unroute("**/state?*")
 
     picture = stage.folder / "page.png"
     browser.page.screenshot(path=picture)

@@ -12,7 +12,9 @@ export function written(value, form) {
 function digits(value, form) {
   if (form === "count" || form === "plain") return value.toLocaleString("en");
   if (form === "ms") return value.toFixed(0);
-  if (/^\.\d$/.test(form)) return value.toFixed(+form[1]);
+  if (/^\.\d$/.test(form)) {
+    return value.toLocaleString("en", {minimumFractionDigits: +form[1], maximumFractionDigits: +form[1]});
+  }
   if (value === 0) return "0";
   const size = Math.abs(value);
   return size >= 1e-4 && size < 1e6 ? String(+value.toPrecision(3)) : value.toExponential(1);

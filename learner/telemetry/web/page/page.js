@@ -84,6 +84,7 @@ function check({name, passed, value, bound, why}) {
   const colour = passed === null ? "" : passed ? "green" : "red";
   const row = element("tr", undefined, {className: colour, title: `if not: ${why}`});
   row.append(element("td", name), element("td", value), element("td", bound));
+  if (passed === false) row.firstChild.append(element("small", why));  // a phone has no pointer to rest
   return row;
 }
 
