@@ -71,7 +71,7 @@ class Array:
             if type(size) is not int or not 0 <= size < 2**31 or size != wanted:
                 told = reprlib.repr(size)
                 raise MessageError(f"{name} has {told} where {letter} is {reprlib.repr(wanted)}")
-            if isinstance(letter, str) and letter not in sizes:
+            if isinstance(letter, str):
                 sizes[letter] = size
                 least, most = limits.get(letter, (0, size))
                 if not least <= size <= most:
@@ -82,7 +82,7 @@ class Array:
         array: NDArray[Any] = np.frombuffer(data, dtype).reshape(found)
         if dtype == np.bool_ and data.strip(b"\0\1"):
             raise MessageError(f"{name} should be booleans")
-        if self.most is not None and data and not (np.abs(array) <= self.most).all():
+        if self.most is not None and not (np.abs(array) <= self.most).all():
             raise MessageError(f"{name} should be finite, and from -{self.most:g} to {self.most:g}")
         return array
 

@@ -63,7 +63,7 @@ def unpack(payload: bytes) -> dict[str, Any]:
             max_map_len=MAX_ITEMS,
             max_ext_len=0,
         )
-    except (ValueError, msgpack.UnpackException, RecursionError) as error:
+    except (ValueError, msgpack.UnpackException) as error:
         raise MessageError(f"not msgpack: {error}") from None
     if not isinstance(message, dict) or not all(isinstance(key, str) for key in message):
         raise MessageError("not a map with text keys")

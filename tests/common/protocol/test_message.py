@@ -87,8 +87,9 @@ def test_an_array_that_is_not_what_it_should_be_is_refused(packed: Any) -> None:
 
 def test_a_letter_admits_any_size() -> None:
     assert taken(GOOD, np.float32, "N", "M").shape == (2, 3)
-    empty = {"dtype": "<f4", "shape": [0, 3], "data": b""}
-    assert taken(empty, np.float32, "N", 3).shape == (0, 3)
+    for size in (0, 2_000):
+        long = {"dtype": "<f4", "shape": [size, 3], "data": bytes(size * 12)}
+        assert taken(long, np.float32, "M", 3).shape == (size, 3)
 
 
 def test_a_letter_is_one_size_throughout() -> None:
@@ -119,15 +120,13 @@ def test_the_bound_itself_is_admitted() -> None:
     assert taken(packed, np.float32, 2).tolist() == [1e9, -1e9]
 
 
-@pytest.mark.parametrize("part", ["dtype", "shape"])
 @pytest.mark.parametrize("depth", [100, 900, 2_000])
-def test_a_deep_list_in_an_array_is_refused_in_brief(part: str, depth: int) -> None:
+def test_a_deep_list_in_an_array_is_refused_in_brief(depth: int) -> None:
     deep: list[Any] = []
     for _ in range(depth):
         deep = [deep]
-    packed = {"dtype": "<i8", "shape": [0], "data": b"", part: deep}
-    with pytest.raises(MessageError) as refused:
-        Array("B").take(packed, "ids", np.dtype(np.int64), {}, {})
-    with pytest.raises(MessageError):
-        Array("B").take({**packed, "dtype": "<i8", "shape": [deep]}, "ids", np.dtype("<i8"), {}, {})
-    assert len(str(refused.value)) < 200
+    good = {"dtype": "<i8", "shape": [0], "data": b""}
+    for wrong in ({"dtype": deep}, {"shape": [deep]}, {"shape": [deep, deep]}):
+        with pytest.raises(MessageError) as refused:
+            Array("B").take({**good, **wrong}, "ids", np.dtype(np.int64), {}, {})
+        assert len(str(refused.value)) < 200

@@ -57,6 +57,7 @@ def test_a_truncated_message_is_refused(message: dict[str, Any], data: st.DataOb
         b"\x91" * 100_000,
         b"\x81\xa1a" * 100_000,
         b"\x81\xa1\xff\x00",
+        b"\x81\xa1a\xd4\x05\x00",
         b"\x80\x80",
     ],
     ids=[
@@ -68,6 +69,7 @@ def test_a_truncated_message_is_refused(message: dict[str, Any], data: st.DataOb
         "100,000 lists deep",
         "100,000 maps deep",
         "no UTF-8",
+        "extension of 1 byte",
         "two messages",
     ],
 )
@@ -87,11 +89,11 @@ LIST_OF_10_000 = b"\xdc\x27\x10"
         b"\xdd" + MANY.to_bytes(4, "big") + EMPTY_MAPS * MANY,
         LIST_OF_10_000 + (LIST_OF_10_000 + EMPTY_MAPS * 10_000) * 6_000,
         (LIST_OF_10_000 + EMPTY_MAPS * 9_999) * 1_000,
-        (LIST_OF_10_000 + b"\xa1a" * 9_999) * 400,
+        (LIST_OF_10_000 + b"\xa1a" * 9_999) * 400 + b"\xa1a",
         LIST_OF_10_000 * 20_000_000,
-        b"\xde\x27\x10" + b"".join(b"\xcd" + n.to_bytes(2, "big") + b"\x80" for n in range(10_000)),
+        b"\xdd" + MANY.to_bytes(4, "big") + b"\x00" * MANY,
     ],
-    ids=["one list", "lists in a list", "nested", "texts", "unfilled", "one map"],
+    ids=["one list", "lists in a list", "nested", "texts", "unfilled", "numbers"],
 )
 def test_many_small_values_cost_little_memory(payload: bytes) -> None:
     """63 MiB of empty maps would be 4 GB of objects."""
@@ -105,13 +107,33 @@ def test_many_small_values_cost_little_memory(payload: bytes) -> None:
     assert peak < 100 * 2**20
 
 
+def test_a_list_or_map_holds_at_most_10_000_items() -> None:
+    for many in ([0] * 10_000, dict.fromkeys(map(str, range(10_000)), 0)):
+        assert unpack(pack({"a": many}))["a"] == many
+    for more in ([0] * 10_001, dict.fromkeys(map(str, range(10_001)), 0)):
+        with pytest.raises(MessageError, match="not msgpack"):
+            unpack(pack({"a": more}))
+
+
+def test_lists_and_maps_and_their_items_are_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(wire, "_MAX_VALUES", 10)
+    tens: list[Any] = [[0] * 6, [[], [], []], [[1], [2]], {"b": {"c": {}}, "d": 0, "e": 0}]
+    for ten in tens:
+        assert unpack(pack({"a": ten}))["a"] == ten  # the message itself is a map of two
+    for eleven in ([0] * 7, [[1], [], []], [[1], [2, 3]], {"b": {"c": {}}, "d": {}, "e": 0}):
+        with pytest.raises(MessageError, match="more than 10 values"):
+            unpack(pack({"a": eleven}))
+
+
 @pytest.mark.parametrize("content", [[], 5, "text", None, {b"schema": SCHEMA}])
 def test_what_is_no_map_with_text_keys_is_refused(content: Any) -> None:
     with pytest.raises(MessageError, match="not a map with text keys"):
         unpack(msgpack.packb(content))
 
 
-@pytest.mark.parametrize("schema", [None, SCHEMA - 1, SCHEMA + 1, str(SCHEMA), [SCHEMA]])
+@pytest.mark.parametrize(
+    "schema", [None, SCHEMA - 1, SCHEMA + 1, float(SCHEMA), str(SCHEMA), [SCHEMA]]
+)
 def test_another_schema_is_refused(schema: Any) -> None:
     with pytest.raises(MessageError, match="is spoken"):
         unpack(msgpack.packb({"schema": schema}))
@@ -167,8 +189,9 @@ def test_a_version_of_another_run_is_refused() -> None:
     "attachment", [b"", b"-1", b"+1", b"1_0", b" 1", b"1.0", b"%d" % 2**63, b"9" * 20, b"9" * 9_999]
 )
 def test_a_version_that_no_counter_holds_is_refused(attachment: bytes) -> None:
-    with pytest.raises(MessageError, match="not a version of weights"):
+    with pytest.raises(MessageError, match="not a version of weights") as refused:
         decode_version(attachment, "")
+    assert len(str(refused.value)) < 200
 
 
 @pytest.mark.parametrize("depth", [100, 990, 1_015])
