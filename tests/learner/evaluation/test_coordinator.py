@@ -1,6 +1,7 @@
 """Tests are handed out, shared, taken back from the lost, and counted once."""
 
 import errno
+import json
 import os
 from dataclasses import replace
 from pathlib import Path
@@ -33,7 +34,7 @@ class Place:
             Snapshots(folder, keep=keep),
             PROTOCOL,
             lambda: self.present,
-            lambda: 12.5,
+            lambda: self.now - 987.5,
             lambda: self.now,
         )
 
@@ -55,7 +56,7 @@ def epoch_test(epoch: int) -> EpochTest:
         epoch=epoch,
         weight_updates=epoch * 10,
         total_train_steps=epoch * 40,
-        replay_memory_count=epoch * 40,
+        replay_memory_count=epoch * 30,
         meanq=0.5,
         remaining=PROTOCOL.test_steps,
     )
@@ -86,14 +87,16 @@ def test_two_evaluators_share_a_test(tmp_path: Path) -> None:
     tests = Place(tmp_path, "e", "f")
     tests.coordinator.add(epoch_test(1), b"w")
     tests.coordinator.add(epoch_test(2), b"v")
-    assert [tests.ask(name).steps for name in ("e", "f")] == [50, 50]
+    assert tests.ask("e").steps == 50
+    tests.now += 1
+    assert tests.ask("f").steps == 50
     assert tests.report("e", 1, 50, [1.0], done=True)
     assert tests.coordinator.take_finished() is None
     assert tests.ask("e").epoch == 2
     assert tests.report("f", 1, 55, [2.0], done=True)
     done = tests.coordinator.take_finished()
     assert done is not None
-    assert (done.steps, sorted(done.scores)) == (105, [1.0, 2.0])
+    assert (done.steps, sorted(done.scores), done.began) == (105, [1.0, 2.0], 12.5)
 
 
 def test_steps_played_beyond_a_test_do_not_count_for_the_next(tmp_path: Path) -> None:
@@ -298,9 +301,14 @@ def test_the_best_snapshot_is_kept_and_others_go(tmp_path: Path) -> None:
             mean = sum(scores) / len(scores)
             best = mean if best is None else max(best, mean)
     assert (tmp_path / "best.safetensors").read_bytes() == b"weights of 2"
-    card = (tmp_path / "best.json").read_text()
-    assert '"epoch": 2' in card
-    assert '"mean_score": 3.0' in card
+    assert json.loads((tmp_path / "best.json").read_bytes()) == {
+        "epoch": 2,
+        "mean_score": 3.0,
+        "games": 2,
+        "epsilon": 0.05,
+        "train_steps": 80,
+        "updates": 20,
+    }
     assert not list(tmp_path.glob("epoch-*"))
 
 
@@ -323,6 +331,9 @@ def test_the_best_snapshot_stays_where_the_table_has_lost_its_test(tmp_path: Pat
         coordinator.add(epoch_test(epoch), f"weights of {epoch}".encode())
         coordinator.settle(replace(epoch_test(epoch), scores=[1.0]), None)
         assert (tmp_path / "best.safetensors").read_bytes() == f"weights of {epoch}".encode()
+    (tmp_path / "best.json").unlink()
+    coordinator.settle(replace(epoch_test(1), scores=[1.0]), 2.0)  # the table knows a better one
+    assert (tmp_path / "best.safetensors").read_bytes() == b"weights of 8"
 
 
 def test_best_weights_that_somebody_removed_end_no_run(
@@ -374,9 +385,14 @@ def test_a_pending_test_survives_a_restart(tmp_path: Path) -> None:
 
 def test_a_finished_test_that_was_not_taken_is_in_the_state(tmp_path: Path) -> None:
     tests = Place(tmp_path, "e")
-    tests.coordinator.add(epoch_test(1), b"w")
-    tests.ask("e")
-    tests.report("e", 1, 100, [4.0], done=True)
-    assert [test["epoch"] for test in tests.coordinator.state()] == [1]
-    tests.coordinator.take_finished()
-    assert tests.coordinator.state() == []
+    for epoch in (1, 2, 3):
+        tests.coordinator.add(epoch_test(epoch), b"w")
+    for epoch in (1, 2):
+        tests.ask("e")
+        tests.report("e", epoch, 100, [4.0], done=True)
+    for left in ([1, 2, 3], [2, 3]):
+        assert [test["epoch"] for test in tests.coordinator.state()] == left
+        done = tests.coordinator.take_finished()
+        assert done is not None
+        assert done.epoch == left[0]
+    assert [test["epoch"] for test in tests.coordinator.state()] == [3]

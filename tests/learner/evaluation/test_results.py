@@ -115,6 +115,31 @@ def test_seconds_of_all_games_are_summed_up() -> None:
     assert (content["steps"], content["decisions"]) == (100, 160)
 
 
+def test_hands_that_only_release_are_shown() -> None:
+    _, shown = summed_up([game({place_of("release", True, 1): 3})])
+    assert row(shown, "command to keys, p50/p99 ms") == "release 17/17, press –/–"
+
+
+def test_each_figure_is_its_own() -> None:
+    """Games of which no two are alike, in no order."""
+    scores, steps = [15.0, 9.0, 13.0, 19.0, 29.0], [10, 20, 30, 40, 50]
+    played = [
+        game({}, whole, ending) | {"score": score, "steps": each}
+        for score, each, whole, ending in zip(scores, steps, "abcde", "vwxyz", strict=True)
+    ]
+    content, shown = summed_up(played)
+    assert (content["scores"], content["steps_of_games"]) == (scores, steps)
+    assert (content["game_hashes"], content["ending_hashes"]) == (list("abcde"), list("vwxyz"))
+    # Squares of the distances from 17: 4, 64, 16, 4 and 144.
+    assert row(shown, "mean ± deviation") == "17.00 ± 7.62"
+    assert row(shown, "interquartile mean") == "15.67"
+    low, high = map(float, row(shown, "its 95 % interval").split(" to "))
+    assert 9 < low < 15.67 < high < 29
+    assert row(shown, "median") == "15"
+    assert row(shown, "least, most") == "9, 29"
+    assert row(shown, "every game") == "15 9 13 19 29"
+
+
 def test_games_that_are_one_game_are_counted_once() -> None:
     played = [game({}, *hashes) for hashes in ("ax", "ax", "bx", "cy", "dz")]
     content, shown = summed_up(played)
