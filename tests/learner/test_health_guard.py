@@ -128,3 +128,12 @@ def test_a_standstill_is_timed_from_the_last_step_or_update() -> None:
     assert run.until_ended(steps=0, patience=599) is None
     run.second()
     assert run.until_ended(steps=0) == 599
+
+
+def test_updates_alone_are_progress() -> None:
+    run = Run()
+    run.second()
+    run.second()
+    for updates in range(1_000):
+        run.now += 1
+        assert run.guard.check((), run.steps, updates) is None

@@ -11,7 +11,7 @@ from common.protocol.run_status import HealthCheck
 from common.run.conditions import PlayConfig
 from common.run.presets import PRESETS
 from common.run.ranges import RandomiseConfig
-from learner.telemetry.health_checks import judge, keys_can_follow
+from learner.telemetry.health_checks import judge, keys_can_follow, reasons
 
 HEALTHY: dict[str, Value] = {
     "play/valid_frame_share": 0.995,
@@ -43,10 +43,10 @@ def test_healthy_robot_is_all_green() -> None:
 
 def test_keys_that_may_be_drawn_too_late_for_their_step_are_not_judged() -> None:
     values: dict[str, Value] = {**HEALTHY, "play/press_match_share": 0.1}
-    for most, judged_then in ((3, False), (4, None)):
+    for most, judged_then in ((1, False), (2, None)):
         config = replace(
             PRESETS["robot"],
-            play=PlayConfig(hand="model"),
+            play=PlayConfig(hand="model", press_latency=2),
             randomise=RandomiseConfig(press_latency=most),
         )
         checks = {check.name: check for check in judge(values, config)}
@@ -133,6 +133,16 @@ def test_unmeasured_checks_are_open() -> None:
     assert all(check.value is None for check in checks.values() if check.passed is None)
 
 
+def test_a_learner_is_unhealthy_by_red_checks_that_end_runs() -> None:
+    values: dict[str, Value] = {
+        "play/valid_frame_share": None,
+        "learning/pixel_deviation": 0.5,
+        "learning/relative_td_error": 1.5,
+    }
+    told = reasons(0.0, judged(values).values())
+    assert told == ["health check 'pixel deviation' is red: frames are black or of one grey"]
+
+
 def test_only_checks_that_are_never_red_in_good_health_end_a_run() -> None:
     assert {name for name, check in judged().items() if not check.stops} == {
         "relative TD error",
@@ -173,6 +183,8 @@ def test_the_slowest_hundredth_of_presses_has_two_decisions(
         (PlayConfig(frame_skip=1), True),
         (PlayConfig(hand="model", press_latency=12), False),  # late on purpose
         (PlayConfig(actuation_latency=12), False),
+        (PlayConfig(actuation_jitter=12), False),
+        (PlayConfig(equal_latency=12), False),
         (PlayConfig(robot="hand.npz"), False),  # late by nature
     ],
 )
@@ -198,6 +210,7 @@ def test_keys_that_come_late_on_purpose_are_shown_but_not_judged() -> None:
         (PlayConfig(hand="model", press_latency=4), False),  # in the fifth frame
         (PlayConfig(actuation_latency=1), False),
         (PlayConfig(actuation_jitter=1), False),
+        (PlayConfig(equal_latency=1), False),
         (PlayConfig(arm_speed=0.6, key_threshold=1.3), True),
         (PlayConfig(robot="hand.npz"), False),
     ],
