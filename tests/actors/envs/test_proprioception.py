@@ -10,11 +10,12 @@ from hypothesis import strategies as st
 
 from actors.envs import make_env
 from actors.envs.ale import AtariEnv
+from actors.envs.key_forecast import KeyForecast
 from actors.envs.observation import observation_space
 from actors.envs.proprioception import Proprioception
 from actors.envs.robot import RobotEnv
 from common.actions import KEYS_OF_ACTION, Keys
-from common.run.conditions import PlayConfig
+from common.run.conditions import MAX_PICTURE_LATENCY, PlayConfig
 from common.run.config import RunConfig
 from tests.actors.envs.narrowed import nao_of
 
@@ -57,6 +58,26 @@ def test_what_was_given_out_does_not_change() -> None:
     sense.command(3)
     sense.feel(Keys.FIRE)
     assert not before.any()
+
+
+@pytest.mark.parametrize("late", [0, 1, 2, 5, 4 * MAX_PICTURE_LATENCY])
+def test_late_pictures_have_the_keys_of_their_moment_and_those_that_came_since(late: int) -> None:
+    play = PlayConfig(vector_commands=1, vector_key_frames=2, vector_forecast=3)
+    sense, forecast, felt = Proprioception(play), KeyForecast(3), list[Keys]()
+    for frame in range(4 * MAX_PICTURE_LATENCY + 9):
+        action = frame * 7 % 18
+        sense.command(action)
+        forecast.command(KEYS_OF_ACTION[action])
+        felt.append(KEYS_OF_ACTION[(frame - 3) * 7 % 18])  # three frames later
+        sense.feel(felt[-1])
+        forecast.feel(felt[-1])
+    sense.seen_late = late
+    vector, seen = sense.vector(), len(felt) - late
+    assert vector[18:28].tolist() == expected([], felt[:seen], 0, 2)
+    since = [[1.0, 1.0, *expected([], [keys], 0, 1)] for keys in felt[seen:]]
+    coming = forecast.rows().tolist()
+    assert vector[28:].reshape(3, 7).tolist() == (since + coming)[:3]
+    assert coming[0] != coming[1] != coming[2]
 
 
 def test_joints_come_last_and_stay_within_bounds() -> None:
