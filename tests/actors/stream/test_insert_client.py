@@ -214,6 +214,20 @@ def test_flush_gives_up_after_its_time(replay: PendingRequests, sender: Sender) 
     query.drop()
 
 
+def test_flush_waits_for_a_hub_that_is_slow(
+    replay: PendingRequests, sender: Sender, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(outbox_module, "_AWAY", 0.05)
+    sender.outbox.post(b"chunk")
+    flushing = sender.beside(lambda: sender.outbox.flush(PATIENCE))
+    query = replay.next()
+    flushing.join(0.3)
+    assert flushing.is_alive()
+    acknowledge(query)
+    joined(flushing)
+    assert sender.counts() == (1, 1, 0, 0)
+
+
 def test_flush_does_not_wait_for_a_hub_that_is_away(
     client: Transport, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -237,9 +251,14 @@ def test_a_poll_is_answered_by_what_to_do(replay: PendingRequests, sender: Sende
     assert sender.counts() == (0, 0, 0, 0)
 
 
-def test_a_poll_that_nobody_hears_is_no_answer(client: Transport) -> None:
+def test_a_poll_that_nobody_hears_is_no_answer(
+    client: Transport, monkeypatch: pytest.MonkeyPatch
+) -> None:
     sender = Sender(client)
+    pauses: list[float] = []
+    monkeypatch.setattr(sender.stop, "wait", pauses.append)
     assert sender.outbox.poll() is None
+    assert pauses == [0.2]  # or an actor without a hub would keep a core busy
     assert sender.outbox.last_ack is None
 
 
@@ -332,6 +351,20 @@ def test_patience_counts_from_when_the_hub_last_answered(
     acknowledge(replay.next())
     sender.settled()
     replay.close()
+    assert sender.outbox.poll() is None
+
+
+def test_patience_begins_anew_once_the_hub_is_back(
+    hub: Transport, client: Transport, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sender = Sender(client, patience=300.0)
+    assert sender.outbox.poll() is None
+    replay = PendingRequests(hub, KEY)
+    polling = sender.beside(sender.outbox.poll)
+    acknowledge(replay.next())
+    joined(polling)
+    replay.close()
+    monkeypatch.setattr(outbox_module, "time", LaterClock)
     assert sender.outbox.poll() is None
 
 

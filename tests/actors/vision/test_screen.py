@@ -1,6 +1,8 @@
 """A detected screen is kept while nothing changes along its edges, and it is unwarped."""
 
+import cv2
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 
 from actors.vision.layout import BORDER, GAME_IN_PICTURE
@@ -32,6 +34,29 @@ def test_the_middle_of_the_picture_is_the_middle_of_the_frame() -> None:
     assert abs(columns.mean() - 41.5) < 0.5
 
 
+def test_no_dot_is_lost_between_the_samples() -> None:
+    """A pixel of the frame is made of 2.1 by 2.1 of the camera's: each counts, wherever it is."""
+    outer = np.array([[50, 15], [255, 15], [255, 220], [50, 220]], np.float32)
+    screen = Screen(outer, picture())
+    wide = 205 / (1 + 2 * BORDER) / 84
+    for shift in range(24):
+        grey = np.zeros((240, 320), np.uint8)
+        grey[100 + shift, 150 - shift] = 255
+        total = screen.unwarp(grey[screen.window]).sum()
+        assert total == pytest.approx(255 / wide**2, rel=0.15)
+
+
+def test_the_outline_is_in_the_window_around_it() -> None:
+    grey = np.full((240, 320), 200, np.uint8)
+    cv2.fillConvexPoly(grey, OUTER.astype(np.int32), 0)
+    screen = Screen(OUTER, grey)
+    around = np.zeros_like(grey)
+    around[screen.around] = grey[screen.around]
+    shares = screen.outline.in_place(grey, 50.0)
+    assert shares.min() > 0.7  # stairs of whole pixels hide some
+    assert np.array_equal(screen.outline.in_place(around, 50.0), shares)
+
+
 def test_corners_lie_a_border_within() -> None:
     """The game's corners lie on the picture's diagonals, nearer to the centre."""
     screen = Screen(OUTER, picture())
@@ -54,8 +79,7 @@ def test_only_the_band_along_the_edges_decides() -> None:
 
     assert still(grey)
     game, far = grey.copy(), grey.copy()
-    x, y = np.round(middle()).astype(int)
-    game[y - 30 : y + 30, x - 40 : x + 40] += 1
+    cv2.fillConvexPoly(game, np.rint(screen.corners).astype(np.int32), 0)
     far[:20], far[:, :30] = 0, 0
     assert still(game)
     assert still(far)

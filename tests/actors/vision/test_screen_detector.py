@@ -4,6 +4,7 @@ The pictures are made independently of the product: rays are cast from a pinhole
 in plain numpy, without homographies or OpenCV's warping.
 """
 
+import sys
 from typing import NamedTuple
 
 import numpy as np
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 from actors.envs.emulator import Emulator
 from actors.envs.observation import shrink
 from actors.vision.layout import ASPECT, BORDER
-from actors.vision.screen_detector import ScreenDetector
+from actors.vision.screen_detector import ScreenDetector, is_blank
 
 _WIDTH, _HEIGHT = 320, 240
 _FOCAL = _WIDTH / 2 / np.tan(np.radians(60.97 / 2))  # NAO's camera
@@ -57,15 +58,26 @@ def _random_pose(rng: np.random.Generator) -> Pose:
 
 
 def _photograph(
-    pose: Pose, game: NDArray[np.uint8], *, samples: int = 3, wall: float = 190.0
+    pose: Pose,
+    game: NDArray[np.uint8],
+    *,
+    samples: int = 3,
+    wall: float = 190.0,
+    distortion: float = 0.0,
 ) -> NDArray[np.float64]:
-    """Returns a picture of ``game`` projected on the wall, from ``samples``² rays per pixel."""
+    """Returns a picture of ``game`` projected on the wall, from ``samples``² rays per pixel.
+
+    A lens of the ``distortion`` k₁ shows at r' what a pinhole shows at r'(1 + k₁r'²), in units of
+    half the width.
+    """
     total = np.zeros((_HEIGHT, _WIDTH, 3))
     for dy in range(samples):
         for dx in range(samples):
             u = np.arange(_WIDTH) + (dx + 0.5) / samples - 0.5 - _CENTRE[0]
             v = np.arange(_HEIGHT) + (dy + 0.5) / samples - 0.5 - _CENTRE[1]
             u, v = np.meshgrid(u, v)
+            further = 1 + distortion * (u**2 + v**2) / (_WIDTH / 2) ** 2
+            u, v = u * further, v * further
             rays = np.stack([u, v, np.full_like(u, _FOCAL)], axis=-1) @ pose.rotation.T
             far = -pose.position[2] / rays[..., 2]
             x = (pose.position[0] + far * rays[..., 0]) / _GAME_WIDTH + 0.5
@@ -124,6 +136,29 @@ def test_corners_are_within_a_pixel_and_a_half(
         assert detection.corners.dtype == np.float32
         errors.append(_error(detection.corners, pose))
     assert np.percentile(errors, 95) <= 1.5
+
+
+@pytest.mark.parametrize("distortion", [0.05, 0.2])
+def test_the_screen_is_found_through_a_lens_and_straightened(
+    screens: Screens, distortion: float
+) -> None:
+    rng = np.random.default_rng(13)
+    for _ in range(3):
+        pose = _random_pose(rng)
+        straight = ScreenDetector().detect(_digital(_photograph(pose, screens["pong"]), rng))
+        picture = _photograph(pose, screens["pong"], distortion=distortion)
+        away = (pose.project(_GAME_CORNERS) - _CENTRE) / (_WIDTH / 2)
+        seen = away.copy()
+        for _ in range(100):  # until r' = r / (1 + k₁r'²)
+            seen = away / (1 + distortion * (seen**2).sum(axis=1, keepdims=True))
+        detector = ScreenDetector(distortion)
+        for noise in (0.0, 3.0, 3.0):  # the later ones at a known place
+            found = detector.detect(_digital(picture, rng, noise))
+            assert found.valid
+            assert found.corners is not None
+            error = found.corners - (_CENTRE + seen * _WIDTH / 2)
+            assert np.linalg.norm(error, axis=1).max() <= 1.5
+            assert np.corrcoef(found.frame.ravel(), straight.frame.ravel())[0, 1] > 0.98
 
 
 def test_hands_in_front_of_the_lower_edge_do_not_move_the_corners(screens: Screens) -> None:
@@ -248,6 +283,14 @@ def test_without_a_screen_the_last_homography_is_kept(screens: Screens) -> None:
     assert np.array_equal(again.frame, good.frame)
 
 
+@pytest.mark.parametrize(("wall", "found"), [(18.0, False), (60.0, True)])
+def test_a_screen_that_is_hardly_darker_than_its_wall_is_not_detected(
+    screens: Screens, wall: float, found: bool
+) -> None:
+    picture = _photograph(Pose(), screens["black"], wall=wall)
+    assert ScreenDetector().detect(_digital(picture, np.random.default_rng(14))).valid == found
+
+
 def test_dark_objects_without_a_black_border_are_not_detected() -> None:
     rng = np.random.default_rng(7)
     for trial in range(20):
@@ -261,6 +304,32 @@ def test_dark_objects_without_a_black_border_are_not_detected() -> None:
             picture[y : y + 150, x : x + 200] = 0
             picture[y + 4 : y + 146, x + 4 : x + 196] = 200
         assert not ScreenDetector().detect(_digital(picture, rng, 3.0)).valid
+
+
+@pytest.mark.parametrize(
+    ("taller", "skew", "found"),
+    [(1.0, 0.0, True), (0.97, 0.0, False), (1.03, 0.0, False), (1.0, 0.04, False)],
+)
+def test_a_quadrilateral_of_another_shape_is_not_the_screen(
+    monkeypatch: pytest.MonkeyPatch, screens: Screens, taller: float, skew: float, found: bool
+) -> None:
+    monkeypatch.setattr(sys.modules[__name__], "_GAME_HEIGHT", taller * _GAME_HEIGHT)
+    straight = _photograph(Pose(yaw=3.0), screens["pong"], wall=180 * taller)
+    lines = [np.roll(line, round(skew * row), axis=0) for row, line in enumerate(straight)]
+    picture = _digital(np.stack(lines), np.random.default_rng(15))
+    assert ScreenDetector().detect(picture).valid == found
+
+
+@pytest.mark.parametrize("black", [0, 100, 140])
+def test_ambient_light_lifts_the_screen_above_the_black_of_other_objects(
+    screens: Screens, black: int
+) -> None:
+    pose = Pose()
+    picture = black + _photograph(pose, screens["pong"]) * (1 - black / 255)
+    picture[200:, :80] = 0
+    detection = ScreenDetector().detect(_digital(picture, np.random.default_rng(16)))
+    assert detection.valid
+    assert _error(detection.corners, pose) <= 1.5
 
 
 def test_a_screen_cut_off_by_the_pictures_edge_is_not_detected(screens: Screens) -> None:
@@ -280,3 +349,13 @@ def test_a_moved_camera_is_followed(screens: Screens) -> None:
         assert detection.valid
         assert _error(detection.corners, pose) <= 1.5
         assert np.corrcoef(detection.frame.ravel(), new.frame.ravel())[0, 1] > 0.99
+
+
+def test_a_frame_of_one_grey_and_noise_is_blank() -> None:
+    frame = np.full((84, 84), 100, np.uint8)
+    assert is_blank(frame)
+    noise = 8 * np.random.default_rng(10).standard_normal(frame.shape)
+    assert is_blank((frame + noise).round().astype(np.uint8))
+    for difference, blank in ((2, True), (4, False)):  # deviations of 1 and 2
+        frame[:, 42:] = 100 + difference
+        assert is_blank(frame) == blank
