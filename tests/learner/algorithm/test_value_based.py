@@ -11,6 +11,7 @@ from common.network import QNetwork
 from common.run.config import LearningConfig
 from learner.algorithm.double_dqn import double_dqn
 from learner.algorithm.precision import Precision
+from learner.algorithm.target_network import TargetNetwork
 from learner.algorithm.value_based import ValueBased
 from learner.device import Device
 from tests.learner.small_batches import learn, random_batch
@@ -200,6 +201,17 @@ def test_a_sync_of_the_target_leaves_the_online_copy_alone(
     monkeypatch.setattr(Precision, "sync_from_master", lambda self: synced.append(self))
     algorithm._target.sync(algorithm.online)
     assert synced == [algorithm._target._precision]
+
+
+def test_the_target_network_is_not_synced_while_it_is_evaluated() -> None:
+    """Or its outputs would be those of old and of new weights."""
+    target, held = TargetNetwork(_network(), CPU), list[bool]()
+    target.network.register_load_state_dict_post_hook(  # type: ignore[no-untyped-call]
+        lambda *_: held.append(target._lock.locked())
+    )
+    assert target.evaluate(lambda _: target._lock.locked()) == (True, 0)
+    target.sync(_network(1))
+    assert held == [True]
 
 
 def test_bfloat16_follows_float32_over_many_updates() -> None:
