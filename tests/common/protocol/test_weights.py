@@ -72,6 +72,17 @@ def test_missing_and_unknown_names_are_told() -> None:
     weights["1.bia"] = weights.pop("1.bias")
     refused(save(weights), r"weights \['1.bia', '1.bias'\] differ in name")
     refused(save({}), "differ in name")
+    refused(save(tensors(small()) | {"more": torch.ones(1)}), r"weights \['more'\] differ in name")
+
+
+def test_of_a_checkpoint_the_weights_that_actors_got_are_taken() -> None:
+    online, average, network = tensors(small(1)), tensors(small(2)), small(3)
+    checkpoint = {f"target.{name}": torch.zeros(value.shape) for name, value in online.items()}
+    for prefix, published in (("online.", online), ("average.", average)):
+        checkpoint |= {f"{prefix}{name}": value for name, value in published.items()}
+        load_weights(network, save(checkpoint))
+        for name, value in network.state_dict().items():
+            assert torch.equal(value, published[name])
 
 
 @pytest.mark.parametrize(
@@ -112,10 +123,20 @@ def test_garbage_is_refused(payload: bytes) -> None:
     refused(payload, "not safetensors")
 
 
-@pytest.mark.parametrize("dtype", ["F4", "F8_E4M3", "BOOL", "U64", "", 5])
-def test_odd_types_in_the_header_are_refused(dtype: object) -> None:
-    header = json.dumps({"0.bias": {"dtype": dtype, "shape": [4], "data_offsets": [0, 16]}})
-    refused(struct.pack("<Q", len(header)) + header.encode() + bytes(16))
+@pytest.mark.parametrize(
+    ("dtype", "shape", "size"),
+    [
+        *((dtype, [4], 16) for dtype in ("F4", "F8_E4M3", "BOOL", "U64", "", 5)),
+        *(("F4", [4], 2), ("F8_E4M3", [4], 4), ("BOOL", [4], 4), ("C64", [4], 32)),
+        *(("F32", [0, 2**64 - 1], 0), ("F32", [2, 0, 2**32, 2**32], 0)),
+    ],
+)
+def test_odd_types_and_shapes_in_the_header_are_refused(
+    dtype: object, shape: list[int], size: int
+) -> None:
+    about = {"dtype": dtype, "shape": shape, "data_offsets": [0, size]}
+    header = json.dumps({"0.bias": about}).encode()
+    refused(struct.pack("<Q", len(header)) + header + bytes(size))
 
 
 @settings(max_examples=200)
