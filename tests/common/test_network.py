@@ -122,6 +122,16 @@ def test_one_value_for_each_action_of_each_state(batch: int, actions: int) -> No
     assert values.dtype == torch.float32
 
 
+def test_the_outputs_of_an_action_lie_side_by_side() -> None:
+    network = QNetwork(2, atoms=3)
+    with torch.no_grad():
+        network.actions.weight.zero_()
+        network.actions.bias.copy_(torch.arange(6.0))
+    told = frames_of(1), torch.zeros(1, 0)
+    assert network.atoms(*told).tolist() == [[[0, 1, 2], [3, 4, 5]]]
+    assert network(*told).tolist() == [[1, 4]]
+
+
 def test_the_number_of_weights_is_that_of_the_paper() -> None:
     by_hand = (
         (32 * 4 * 8 * 8 + 32)
