@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
@@ -12,7 +13,7 @@ from actors.envs.latency_equaliser import LatencyEqualiser
 from actors.envs.robot import RobotEnv
 from actors.robots.interface import Hands
 from common.actions import KEYS_OF_ACTION, Keys
-from common.run.conditions import PlayConfig
+from common.run.conditions import MAX_ADDED, PlayConfig
 from tests.actors.envs.uneven_hands import UnevenHands
 
 EQUAL = 12
@@ -27,8 +28,8 @@ def hands(latency: int = 0, press: int = 0) -> Hands:
     return hands_of(play, None, np.random.default_rng(0))
 
 
-def equal(latency: int = 0, press: int = 0) -> LatencyEqualiser:
-    made = LatencyEqualiser(hands(latency, press), EQUAL)
+def equal(latency: int = 0, press: int = 0, at: int = EQUAL) -> LatencyEqualiser:
+    made = LatencyEqualiser(hands(latency, press), at)
     made.time(ALL)
     made.rest()
     return made
@@ -81,6 +82,13 @@ def test_a_hand_that_presses_a_frame_later_does_so_too(latency: int, actions: li
 @given(st.integers(EQUAL + 2, 36), st.integers(0, 3), ACTIONS)
 def test_slow_hands_are_left_alone(latency: int, press: int, actions: list[int]) -> None:
     assert play(equal(latency, press), actions) == play(hands(latency, press), actions)
+
+
+@pytest.mark.parametrize("latency", [0, 3])
+def test_commands_are_remembered_for_the_longest_latency(latency: int) -> None:
+    actions = [2, 0, 4, 3, 1, 1, 0, 0, 10, 5] * 3
+    waiting = equal(latency, at=MAX_ADDED)
+    assert play(waiting, actions) == schedule(actions, MAX_ADDED)
 
 
 def test_the_schedule_by_hand() -> None:
