@@ -109,12 +109,14 @@ def serve(options: ReplayOptions, again: bool) -> None:
             say(f"replay of run {folder.name} in {folder.replay}, at {place}.")
             say(_line(buffer.progress(MAX_COUNT)))
             tell("READY=1")
+            failed = ""
             while not stop.wait(_REPORT_SECONDS):
                 progress = buffer.progress(MAX_COUNT)
                 say(_line(progress), progress.values())
                 tell(f"STATUS={_line(progress)}", "WATCHDOG=1")
-                if progress.failed:  # the learner, which asks more often, has heard of it by now
-                    raise InputError(progress.failed)
+                if failed:
+                    raise InputError(failed)
+                failed = progress.failed  # one report later the learner has heard of it, too
             tell("STOPPING=1")
         say(_line(buffer.progress(MAX_COUNT)))
 
