@@ -117,7 +117,12 @@ def foreign(what: str) -> Iterator[None]:
     except (InputError, OSError):
         raise
     except Exception as error:  # of any kind, as the package is not ours
-        raise InputError(f"{what} fails ({placed(error)}): mend its package.") from error
+        raise InputError(failure(what, error)) from error
+
+
+def failure(what: str, error: Exception) -> str:
+    """Returns the sentence that ``what``, code of another package, failed by ``error``."""
+    return f"{what} fails ({placed(error)}): mend its package."
 
 
 def placed(error: Exception) -> str:

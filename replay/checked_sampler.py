@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from common.checked import MAX_LONG_TEXT
 from common.errors import InputError
-from common.registry import SAMPLERS, placed
+from common.registry import SAMPLERS, failure
 from common.run.config import ReplayConfig
 from replay.samplers import Ids, UniformSampler
 
@@ -78,8 +78,8 @@ class CheckedSampler:
         try:
             yield
         except Exception as error:  # of any kind, as the package may not be ours
-            told = f"{self._who} fails ({placed(error)}): mend its package."
-            self.failed = (str(error) if isinstance(error, InputError) else told)[:MAX_LONG_TEXT]
+            told = str(error) if isinstance(error, InputError) else failure(self._who, error)
+            self.failed = told[:MAX_LONG_TEXT]
             raise InputError(self.failed) from error
 
     def _check_draw(self, ids: NDArray[Any], weights: NDArray[Any], count: int) -> None:

@@ -87,6 +87,8 @@ def test_an_array_that_is_not_what_it_should_be_is_refused(packed: Any) -> None:
 
 def test_a_letter_admits_any_size() -> None:
     assert taken(GOOD, np.float32, "N", "M").shape == (2, 3)
+    empty = {"dtype": "<f4", "shape": [0, 3], "data": b""}
+    assert taken(empty, np.float32, "N", 3).shape == (0, 3)
     for size in (0, 2_000):
         long = {"dtype": "<f4", "shape": [size, 3], "data": bytes(size * 12)}
         assert taken(long, np.float32, "M", 3).shape == (size, 3)
@@ -126,7 +128,7 @@ def test_a_deep_list_in_an_array_is_refused_in_brief(depth: int) -> None:
     for _ in range(depth):
         deep = [deep]
     good = {"dtype": "<i8", "shape": [0], "data": b""}
-    for wrong in ({"dtype": deep}, {"shape": [deep]}, {"shape": [deep, deep]}):
+    for wrong in ({"dtype": deep}, {"shape": deep}, {"shape": [deep]}, {"shape": [deep, deep]}):
         with pytest.raises(MessageError) as refused:
             Array("B").take({**good, **wrong}, "ids", np.dtype(np.int64), {}, {})
         assert len(str(refused.value)) < 200

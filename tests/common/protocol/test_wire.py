@@ -89,11 +89,22 @@ LIST_OF_10_000 = b"\xdc\x27\x10"
         b"\xdd" + MANY.to_bytes(4, "big") + EMPTY_MAPS * MANY,
         LIST_OF_10_000 + (LIST_OF_10_000 + EMPTY_MAPS * 10_000) * 6_000,
         (LIST_OF_10_000 + EMPTY_MAPS * 9_999) * 1_000,
+        (LIST_OF_10_000 + b"\xa1a" * 9_999) * 400,
         (LIST_OF_10_000 + b"\xa1a" * 9_999) * 400 + b"\xa1a",
         LIST_OF_10_000 * 20_000_000,
+        b"\xde\x27\x10" + b"".join(b"\xcd" + n.to_bytes(2, "big") + b"\x80" for n in range(10_000)),
         b"\xdd" + MANY.to_bytes(4, "big") + b"\x00" * MANY,
     ],
-    ids=["one list", "lists in a list", "nested", "texts", "unfilled", "numbers"],
+    ids=[
+        "one list",
+        "lists in a list",
+        "nested",
+        "texts",
+        "filled texts",
+        "unfilled",
+        "one map",
+        "numbers",
+    ],
 )
 def test_many_small_values_cost_little_memory(payload: bytes) -> None:
     """63 MiB of empty maps would be 4 GB of objects."""
