@@ -118,6 +118,15 @@ def test_a_method_that_fails_is_told_and_nothing_is_drawn_any_more(
             assert buffer.sample(0, 0.0) is None
 
 
+@pytest.mark.parametrize("name", ["__len__", "contains", "ids"])
+def test_one_that_answers_for_the_set_itself_is_refused(name: str, tmp_path: Path) -> None:
+    kind = type("Wrong", (UniformSampler,), {name: _fails})
+    wrong = SamplerKind("wrong", lambda capacity, ids, leaves, config: kind(capacity, ids))
+    told = f"^the sampler 'wrong' overrides {name}: leave it to UniformSampler, and override draw."
+    with added(SAMPLERS, wrong), pytest.raises(InputError, match=told):
+        ReplayBuffer(make_config(sampler="wrong"), tmp_path)
+
+
 @pytest.mark.parametrize(
     ("factory", "told"),
     [
