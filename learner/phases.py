@@ -132,7 +132,7 @@ class Phases:
         )
 
     def values(self, *, finishing: bool) -> dict[str, Value]:
-        """Returns where the run is, and what its recent games and chunks were like.
+        """Returns how far the run is, and what its recent games and chunks were like.
 
         Args:
             finishing: whether only tests are left. If the run ends between two phases, the values
@@ -147,11 +147,13 @@ class Phases:
         )
         judged = chunks[-JUDGED_CHUNKS:]
         steps = sum(each.steps for each in judged)
+        samples = self.updates * self._config.learning.batch_size
         return {
             "run/agent_steps": self.agent_steps,
             "run/epoch": self.epoch - ended,
             "run/phase_length": self.phase_length,
             "run/phase_steps": self.phase_length if ended else self.phase_steps,
+            "learning/updates": self.updates,
             "learning/epsilon": self._config.epsilon_at(self.agent_steps),
             "learning/rate": self._config.learning.learning_rate_at(self.updates),
             "play/games": self.games,
@@ -161,6 +163,7 @@ class Phases:
             "play/press_match_share": sum(e.matched for e in judged) / steps if steps else None,
             "stream/staleness_p50": p50,
             "stream/staleness_p95": p95,
+            "stream/samples_per_insert": samples / self.train_steps if self.train_steps else None,
         }
 
     # ------------------------------------------------------------------ checkpoints

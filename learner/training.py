@@ -292,7 +292,6 @@ class Learner:
         return {
             "run/phase": "finishing" if self._finished else phase,
             "run/seconds": self.clock.seconds(),
-            "learning/updates": self.phases.updates,
             "learning/skipped": self.losses.skipped,
             "stream/weights_version": self.broadcast.version,
             "stream/actors_starting": self._starting,

@@ -142,7 +142,6 @@ class Telemetry:
             self.note(text)
         config = self.config
         actors, (totals, key_times) = self.registry.actors(), self.registry.totals()
-        updates, train_steps = number(loop, "learning/updates") or 0, self.phases.train_steps
         values: dict[str, Value] = {
             "run/preset": config.preset,
             "run/env": config.env,
@@ -158,17 +157,14 @@ class Telemetry:
             **totals,
             **self._latency.values(key_times),
             **self._rewards(),
-            **self._rates(int(updates)),
+            **self._rates(),
             **loop,
-            "stream/samples_per_insert": (
-                updates * self.config.learning.batch_size / train_steps if train_steps else None
-            ),
             "run/memory_bytes": footprint().private,
             **self.gpu(),
             "stream/actors_alive": sum(actor.alive for actor in actors),
             "stream/actors_present": sum(not actor.left for actor in actors),
         }
-        if train_steps < self.config.exploration.steps:
+        if self.phases.train_steps < config.exploration.steps:
             # Until exploration is over, a network cannot be better than a blind one.
             values["learning/relative_td_error"] = None
         if loop["run/phase"] == "finishing":
@@ -178,7 +174,7 @@ class Telemetry:
             rate = number(values, "stream/steps_per_second") or 0.0
             left = max(self.phases.phase_length - self.phases.phase_steps, 0)
         values["run/seconds_left"] = left / rate if rate and left is not None else None
-        checks = judge(values, self.config)
+        checks = judge(values, config)
         values["gates/failed"] = sum(check.passed is False for check in checks)
         if unknown := values.keys() - METRICS.keys():
             raise KeyError(f"declare {sorted(unknown)} in common/metrics.py")
@@ -200,10 +196,11 @@ class Telemetry:
             found[f"hands/{goal}_ms"] = Histogram(counts, _FRAME_EDGES)
         return found
 
-    def _rates(self, updates: int) -> dict[str, Value]:
+    def _rates(self) -> dict[str, Value]:
         """Returns recent rates of agent steps, updates and processor time, and steps per second
         over whole phases."""
-        now = self.now(), self.phases.agent_steps, updates, time.process_time()
+        phases = self.phases
+        now = self.now(), phases.agent_steps, phases.updates, time.process_time()
         self._ticks.append(now)
         while now[0] - self._ticks[0][0] > _RATE_WINDOW:
             self._ticks.popleft()

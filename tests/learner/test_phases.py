@@ -67,7 +67,10 @@ def test_warm_up_then_epochs() -> None:
         450,
     )
     assert counted.games == 9  # those of the warm-up do not count as training
+    counted.updates = 90
     values = counted.values(finishing=False)
+    assert values["learning/updates"] == 90
+    assert values["stream/samples_per_insert"] == 6.4  # 90 minibatches of 32, by 450 steps
     assert values["play/train_reward"] == pytest.approx(sum(range(2, 11)) / 9)
     assert values["play/valid_frame_share"] == 1.0
     assert values["play/following_frame_share"] == 0.2
@@ -152,6 +155,7 @@ def test_the_warm_up_has_no_training_steps_even_if_it_is_longer_than_asked() -> 
     counted = phases()
     (row,) = count(counted, _chunks(2, steps=60))
     assert (row.steps, row.total_train_steps, counted.train_steps) == (120, 0, 20)
+    assert phases().values(finishing=False)["stream/samples_per_insert"] is None
 
 
 def test_a_phases_loss_is_the_mean_over_its_updates() -> None:

@@ -220,7 +220,7 @@ class World:
 
     def summarise(self, values: Values, replay: Progress) -> None:
         self.summed_steps = replay.agent_steps
-        self.log.append(("summary", values["learning/updates"]))
+        self.log.append(("summary", self.phases.updates))
 
     def broadcast(self, payload: bytes, version: bytes) -> None:
         number, signature = decode_version(version, "id")
@@ -243,6 +243,7 @@ class World:
         self, steps_goal: int | None = None, *, force: bool = False, stall_minutes: float = 10.0
     ) -> Learner:
         clock = RunClock(lambda: self.now)
+        self.phases = Phases(self.config, clock)
         parts: dict[str, Any] = {
             "replay": SimpleNamespace(
                 run_id="id",
@@ -309,7 +310,7 @@ class World:
                 sign=lambda *told: repr(told[:3]).encode(),
                 now=clock.now,
             ),
-            phases=Phases(self.config, clock),
+            phases=self.phases,
             guard=HealthGuard(
                 *(5.0, stall_minutes, 4), force=force, warn=self.said.append, now=lambda: self.now
             ),
