@@ -273,16 +273,12 @@ class RunConfig:
 
     def in_full(self) -> "RunConfig":
         """Returns the settings with the values of all that extensions declare for themselves."""
-        texts: dict[str, dict[str, str]] = {"play": {}, "learning": {}, "replay": {}}
-        for entry, name, text in self._own_settings():
-            group, field = name.split(".")
-            texts[group][field] = in_full(entry, text)
-        return replace(
-            self,
-            play=replace(self.play, **texts["play"]),  # type: ignore[arg-type]
-            learning=replace(self.learning, **texts["learning"]),  # type: ignore[arg-type]
-            replay=replace(self.replay, **texts["replay"]),  # type: ignore[arg-type]
-        )
+        found = self
+        for entry, setting, text in self._own_settings():
+            group, name = setting.split(".")
+            changed = replace(getattr(found, group), **{name: in_full(entry, text)})
+            found = replace(found, **{group: changed})
+        return found
 
     def _own_settings(self) -> Iterator[tuple[Entry, str, str]]:
         """Yields environment, robot, algorithm and sampler, each with the name and the text of its

@@ -1,5 +1,6 @@
 """The rules between the settings of a run, beyond the bounds of each."""
 
+from operator import attrgetter
 from typing import TYPE_CHECKING
 
 from common.errors import InputError
@@ -33,10 +34,9 @@ def check_rules(config: "RunConfig") -> None:
 
 def _check_ignored(config: "RunConfig") -> None:
     """Refuses settings that have no effect in the environment, unless they have their defaults."""
+    defaults = type(config)()
     for name in ignored_in(config.env):
-        group, field = name.split(".")
-        value = getattr(getattr(config, group), field)
-        usual = getattr(type(getattr(config, group))(), field)
+        value, usual = map(attrgetter(name), (config, defaults))
         if value != usual:
             shown = f"{usual:g}" if isinstance(usual, float) else usual
             raise InputError(
