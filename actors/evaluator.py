@@ -33,7 +33,7 @@ class Evaluator:
         self._env = env
         self._policy = policy
         self._counters = ActorCounters(member.name, "evaluator", member.incarnation)
-        self._jobs = member.transport.requester(member.keys.task(member.name), _TIMEOUT)
+        self._jobs = member.transport.requester(member.keys.job(member.name), _TIMEOUT)
         self._reports = member.transport.requester(member.keys.report(member.name), _TIMEOUT)
         self._views = LiveViews(member, "evaluator", [env], policy)
         self._heartbeat = Heartbeat(member, "evaluator", self._stats)

@@ -40,7 +40,7 @@ class RunKeys:
         self.all = f"{root}/**"
         """All keys of the run."""
         self.config = f"{root}/config"
-        """Query: the run's `RunConfig`; ``RunKeys('*').config`` finds the run itself."""
+        """Query: the run's `Announcement`; ``RunKeys('*').config`` finds the run itself."""
         self.sample = f"{root}/sample"
         """Query for a minibatch."""
         self.priorities = f"{root}/priorities"
@@ -48,7 +48,7 @@ class RunKeys:
         self.held_out = f"{root}/held_out"
         """Query for states on which the mean max-Q is measured."""
         self.progress = f"{root}/progress"
-        """Query for the replay's counters, in which the learner also reports its own state."""
+        """Query for the replay's counters, which also tells the replay the run's goal."""
         self.weights = f"{root}/weights"
         """Published: the newest weights, with the version in the attachment."""
         self.latest_weights = f"{root}/latest_weights"
@@ -60,9 +60,9 @@ class RunKeys:
         """Query with a chunk, answered when it is stored; the server uses ``'*'``."""
         return f"{self._root}/insert/{actor}"
 
-    def task(self, evaluator: str) -> str:
+    def job(self, evaluator: str) -> str:
         """Query of an evaluator for its next job, with the epoch to test and its weights."""
-        return f"{self._root}/task/{evaluator}"
+        return f"{self._root}/job/{evaluator}"
 
     def report(self, evaluator: str) -> str:
         """Query of an evaluator with the games it played."""

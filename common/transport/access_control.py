@@ -19,7 +19,7 @@ from common.transport.credentials import common_name
 MOST_SESSIONS = 4_096
 """Maximum number of processes, of all runs, at one hub; fewer if it may have few open files."""
 _ANY = RunKeys("*")
-_LEARNER_ANSWERS = [_ANY.task("*"), _ANY.report("*"), _ANY.status]
+_LEARNER_ANSWERS = [_ANY.job("*"), _ANY.report("*"), _ANY.status]
 _LEARNER = {
     "query": [
         *(_ANY.config, _ANY.sample, _ANY.priorities, _ANY.held_out, _ANY.progress),
@@ -41,7 +41,7 @@ def _of_actor(name: str) -> dict[str, list[str]]:
     return {
         "query": [
             *(_ANY.config, _ANY.latest_weights),
-            *(_ANY.insert(name), _ANY.task(name), _ANY.report(name)),
+            *(_ANY.insert(name), _ANY.job(name), _ANY.report(name)),
         ],
         "put": [_ANY.stats(role, name) for role in get_args(Role)],
         "liveliness_token": [_ANY.live(role, name) for role in get_args(Role)],
@@ -73,7 +73,7 @@ _MOST_BYTES: list[tuple[list[str], int, list[str]]] = [
         _TO_HUB,
         64 * _KIB,
         [
-            *(_ANY.config, _ANY.latest_weights, _ANY.task("*"), _ANY.status, _ANY.view("*", "*")),
+            *(_ANY.config, _ANY.latest_weights, _ANY.job("*"), _ANY.status, _ANY.view("*", "*")),
             *(_ANY.sample, _ANY.held_out, _ANY.progress, _ANY.stats("*", "*"), _ANY.report("*")),
         ],
     ),
@@ -110,7 +110,7 @@ def size_limits() -> dict[str, Any]:
 _MOST_PER_SECOND = {
     _ANY.stats("*", "*"): MOST_HEARTBEATS,
     _ANY.config: 20,
-    _ANY.task("*"): 20,
+    _ANY.job("*"): 20,
     _ANY.status: 20,
     _ANY.latest_weights: 5,  # each answer has megabytes
 }

@@ -1,7 +1,7 @@
 """`Transport`: the verbs by which the processes of a run communicate.
 
 `zenoh_transport` implements them between machines; the tests have a transport between objects of
-one process. `chosen` says which one the programs use. Keys are paths such as ``ale-robot/r/task``.
+one process. `chosen` says which one the programs use. Keys are paths such as ``ale-robot/r/job``.
 ``*`` stands for one part of a key, and ``**`` for any number of parts.
 """
 

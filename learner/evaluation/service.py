@@ -57,5 +57,5 @@ def serve_evaluators(
         coordinator.take_report(report)
         return b"ok"
 
-    transport.serve(keys.task("*"), give_job)
+    transport.serve(keys.job("*"), give_job)
     transport.serve(keys.report("*"), take_report)

@@ -35,7 +35,7 @@ class Stage:
     """An evaluator at work in a thread, and the learner's side of its keys."""
 
     def __init__(self, hub: Transport, client: Transport) -> None:
-        self.tasks = PendingRequests(hub, KEYS.task("*"))
+        self.jobs = PendingRequests(hub, KEYS.job("*"))
         self.reports = PendingRequests(hub, KEYS.report("*"))
         self.warnings: list[str] = []
         self.stop = threading.Event()
@@ -62,10 +62,10 @@ class Stage:
         self._thread.start()
         return policy
 
-    def give(self, task: EvaluationJob) -> None:
-        query = self.tasks.next()
-        assert (query.key, query.payload) == (KEYS.task("e"), b"")
-        query.reply(task.encode())
+    def give(self, job: EvaluationJob) -> None:
+        query = self.jobs.next()
+        assert (query.key, query.payload) == (KEYS.job("e"), b"")
+        query.reply(job.encode())
 
     def report(self) -> EvaluationReport:
         """The next report, which the learner takes."""
@@ -89,7 +89,7 @@ class Stage:
 
     def close(self) -> None:
         self.stop.set()
-        self.tasks.close()
+        self.jobs.close()
         self.reports.close()
         self.ended()
 
@@ -103,7 +103,7 @@ def stage(hub: Transport, client: Transport, monkeypatch: pytest.MonkeyPatch) ->
     stage.close()
 
 
-def task(steps: int, epoch: int = 3, epsilon: float = 1.0) -> EvaluationJob:
+def job(steps: int, epoch: int = 3, epsilon: float = 1.0) -> EvaluationJob:
     return EvaluationJob("test", epoch, steps, epsilon, WEIGHTS)
 
 
@@ -113,7 +113,7 @@ FINISHED = EvaluationJob("finished")
 def test_a_task_is_played_to_its_steps_and_each_game_reported(stage: Stage) -> None:
     env = NumberedEnv(TEN_STEPS_A_GAME)
     policy = stage.start(env)
-    stage.give(task(steps=25, epsilon=0.5))
+    stage.give(job(steps=25, epsilon=0.5))
     reports = stage.test()
     assert [(report.steps, len(report.games), report.done) for report in reports] == [
         (10, 1, False),
@@ -133,7 +133,7 @@ def test_a_task_is_played_to_its_steps_and_each_game_reported(stage: Stage) -> N
 @pytest.mark.parametrize("steps", [10, 20])
 def test_a_test_that_ends_with_a_game_reports_both_at_once(stage: Stage, steps: int) -> None:
     stage.start(NumberedEnv(TEN_STEPS_A_GAME))
-    stage.give(task(steps))
+    stage.give(job(steps))
     reports = stage.test()
     assert [report.steps for report in reports] == [10] * (steps // 10)
     assert (len(reports[-1].games), reports[-1].done) == (1, True)
@@ -142,7 +142,7 @@ def test_a_test_that_ends_with_a_game_reports_both_at_once(stage: Stage, steps: 
 def test_a_test_lasts_for_one_whole_game_at_least(stage: Stage) -> None:
     env = NumberedEnv(TEN_STEPS_A_GAME)
     stage.start(env)
-    stage.give(task(steps=3))
+    stage.give(job(steps=3))
     (report,) = stage.test()
     assert (report.steps, len(report.games)) == (10, 1)
     stage.give(FINISHED)
@@ -178,7 +178,7 @@ def test_it_waits_for_as_long_as_it_is_told(stage: Stage) -> None:
 def test_a_test_that_the_learner_does_not_want_any_more_ends(stage: Stage) -> None:
     env = NumberedEnv(TEN_STEPS_A_GAME)
     stage.start(env)
-    stage.give(task(steps=1_000))
+    stage.give(job(steps=1_000))
     stage.reports.next().refuse("epoch 3 is not being tested")
     stage.give(FINISHED)
     stage.ended()
@@ -202,7 +202,7 @@ def test_a_malformed_job_is_told_and_not_played(
 ) -> None:
     env = NumberedEnv(TEN_STEPS_A_GAME)
     stage.start(env)
-    stage.tasks.next().reply(payload)
+    stage.jobs.next().reply(payload)
     stage.give(FINISHED)
     stage.ended()
     assert env.moments == []
@@ -214,8 +214,8 @@ def test_a_malformed_job_is_told_and_not_played(
 def test_a_learner_that_was_away_for_a_moment_is_asked_again(stage: Stage) -> None:
     stage.start(NumberedEnv(TEN_STEPS_A_GAME))
     for _ in range(3):
-        stage.tasks.next().drop()
-    stage.give(task(steps=10))
+        stage.jobs.next().drop()
+    stage.give(job(steps=10))
     assert len(stage.test()) == 1
 
 
@@ -225,7 +225,7 @@ def test_people_are_told_that_the_learner_is_away_and_back(
     monkeypatch.setattr("actors.absence._TELL_AFTER", 0.1)
     stage.start(NumberedEnv(TEN_STEPS_A_GAME))
     while not stage.warnings:
-        stage.tasks.next().drop()
+        stage.jobs.next().drop()
     stage.give(EvaluationJob("wait"))
     wait_until(lambda: len(stage.warnings) == 2, "the learner is back")
     assert stage.warnings == [
@@ -235,7 +235,7 @@ def test_people_are_told_that_the_learner_is_away_and_back(
 
 
 def test_a_learner_that_stays_away_is_given_up(stage: Stage) -> None:
-    stage.tasks.close()
+    stage.jobs.close()
     stage.start(NumberedEnv(TEN_STEPS_A_GAME), patience=0.1)
     stage.ended()
     assert "the learner went away and did not come back" in str(stage.failure)
@@ -244,7 +244,7 @@ def test_a_learner_that_stays_away_is_given_up(stage: Stage) -> None:
 def test_a_wish_to_stop_ends_a_test(stage: Stage) -> None:
     env = NumberedEnv(TEN_STEPS_A_GAME)
     stage.start(env)
-    stage.give(task(steps=10**9))
+    stage.give(job(steps=10**9))
     query = stage.reports.next()
     stage.stop.set()
     query.reply(b"")
@@ -265,7 +265,7 @@ def test_it_lives_and_says_so_until_it_leaves(stage: Stage, hub: Transport) -> N
     stage.start(NumberedEnv(TEN_STEPS_A_GAME))
 
     wait_until(lambda: presence == [(KEYS.live("evaluator", "e"), True)], "it is alive")
-    stage.give(task(steps=10))
+    stage.give(job(steps=10))
     stage.test()
     stage.give(FINISHED)
     stage.ended()
@@ -281,7 +281,7 @@ def test_it_lives_and_says_so_until_it_leaves(stage: Stage, hub: Transport) -> N
 def test_an_evaluator_leaves_a_learner_that_trains_another_run_now(stage: Stage) -> None:
     """Or it would play the old game with the new one's weights, if they fit."""
     stage.start(NumberedEnv(TEN_STEPS_A_GAME))
-    stage.give(replace(task(25), run_id="another"))
+    stage.give(replace(job(25), run_id="another"))
     stage.ended()
     assert "serves another run as r than the one e joined" in str(stage.failure)
 

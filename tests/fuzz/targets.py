@@ -184,7 +184,7 @@ class Targets:
                 self.answer(KEYS.held_out),
             ),
             "progress": Target((ProgressRequest(0, 300).encode(),), self.answer(KEYS.progress)),
-            "task": Target((b"e", b"evaluator-2"), self._task),
+            "job": Target((b"e", b"evaluator-2"), self._job),
             "report": Target(
                 (report.encode(),), self.answer(KEYS.report("e"), KEYS.report("*")), seldom=True
             ),
@@ -195,9 +195,9 @@ class Targets:
             ),
         }
 
-    def _task(self, name: bytes) -> object:
+    def _job(self, name: bytes) -> object:
         """An evaluator says its name in the key."""
-        return self.answer(KEYS.task(name.decode(errors="replace")), KEYS.task("*"))(b"")
+        return self.answer(KEYS.job(name.decode(errors="replace")), KEYS.job("*"))(b"")
 
     def _sample(self, payload: bytes) -> object:
         """A draw that finds too little waits as long as it is told, at most a second: not here."""

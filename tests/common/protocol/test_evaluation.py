@@ -33,8 +33,8 @@ REPORT = EvaluationReport("evaluator", 3, 640, (Game(-21.0, 764),), False)
         st.binary(max_size=100),
     )
 )
-def test_a_task_survives_the_wire(task: EvaluationJob) -> None:
-    assert EvaluationJob.decode(task.encode()) == task
+def test_a_job_survives_the_wire(job: EvaluationJob) -> None:
+    assert EvaluationJob.decode(job.encode()) == job
 
 
 @given(

@@ -32,7 +32,7 @@ def all_keys(run: str) -> list[str]:
         keys.progress,
         keys.weights,
         keys.latest_weights,
-        keys.task("e"),
+        keys.job("e"),
         keys.report("e"),
         keys.live("actor", "a"),
         keys.stats("actor", "a"),
@@ -41,7 +41,7 @@ def all_keys(run: str) -> list[str]:
 
 def test_the_name_in_a_key_is_that_of_who_speaks() -> None:
     keys = RunKeys("r")
-    named = (keys.insert, keys.task, keys.report)
+    named = (keys.insert, keys.job, keys.report)
     told = (keys.live, keys.stats, keys.view)
     spoken = [*(key("a.b") for key in named), *(key("actor", "a.b") for key in told)]
     assert {name_in(key) for key in spoken} == {"a.b"}

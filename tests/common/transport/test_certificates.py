@@ -60,7 +60,7 @@ QUERIES = {
     "config": KEYS.config,
     "insert": KEYS.insert("a"),
     "latest_weights": KEYS.latest_weights,
-    "task": KEYS.task("a"),
+    "job": KEYS.job("a"),
     "report": KEYS.report("a"),
     "sample": KEYS.sample,
     "priorities": KEYS.priorities,
@@ -74,7 +74,7 @@ QUERIES = {
 @pytest.mark.parametrize(
     ("role", "allowed"),
     [
-        ("actor", {"config", "insert", "latest_weights", "task", "report"}),
+        ("actor", {"config", "insert", "latest_weights", "job", "report"}),
         ("learner", {"config", "sample", "priorities", "held_out", "progress", "status", "view"}),
     ],
 )
@@ -174,11 +174,11 @@ def test_a_learner_sees_what_an_actor_shows(
 
 
 def test_a_learner_is_heard_by_name(hub: Transport, join: Callable[[Role], Transport]) -> None:
-    """Evaluators ask the learner for tasks, through the hub."""
+    """Evaluators ask the learner for jobs, through the hub."""
     learner, actor = join("learner"), join("actor")
 
-    learner.serve(KEYS.task("*"), lambda _: b"task")
-    wait_until(lambda: ask(actor, KEYS.task("e")) == [b"task"], "the actor has its task")
+    learner.serve(KEYS.job("*"), lambda _: b"job")
+    wait_until(lambda: ask(actor, KEYS.job("e")) == [b"job"], "the actor has its job")
 
 
 # ---------------------------------------------------------------------- actors by name
@@ -201,7 +201,7 @@ def enter(address: str, named: Path) -> Iterator[Callable[[str | None], Transpor
 
 
 def own_keys(name: str) -> list[str]:
-    return [KEYS.insert(name), KEYS.task(name), KEYS.report(name)]
+    return [KEYS.insert(name), KEYS.job(name), KEYS.report(name)]
 
 
 def test_an_actor_asks_in_its_own_name_alone(enter: Callable[[str | None], Transport]) -> None:
@@ -404,7 +404,7 @@ def test_a_replay_at_the_hub_of_another_run_answers_for_its_own_alone(
         inserts, own = keys.insert("*"), (keys.config, keys.latest_weights, keys.sample)
         return [*own, keys.priorities, keys.held_out, keys.progress, inserts]
 
-    for key in (*served(KEYS), KEYS.task("*"), OTHER.task("*"), *served(OTHER)):
+    for key in (*served(KEYS), KEYS.job("*"), OTHER.job("*"), *served(OTHER)):
         other_replay.serve(key, lambda request: request.key.encode())
     with (
         connect(address, PATIENCE, role="learner", certificates=shared) as learner,
@@ -424,7 +424,7 @@ def test_a_replay_at_the_hub_of_another_run_answers_for_its_own_alone(
         wait_until(
             lambda: ask(actor, KEYS.config) == [b"the hub's"], "it alone answers for its run"
         )
-        for key in (KEYS.insert("a"), KEYS.latest_weights, KEYS.task("a"), OTHER.task("a")):
+        for key in (KEYS.insert("a"), KEYS.latest_weights, KEYS.job("a"), OTHER.job("a")):
             assert ask(actor, key, b"", 0.2) == []
         for key in (KEYS.sample, KEYS.priorities, KEYS.held_out, KEYS.progress):
             assert ask(learner, key, b"", 0.2) == []

@@ -277,7 +277,7 @@ def test_all_servers_of_a_pattern_are_heard_and_their_refusals_left_out(
     place.hub.serve("ale-robot/one/config", lambda _: b"one")
     other.serve("ale-robot/two/config", lambda _: Envelope(b"two", b"2"))
     place.hub.serve("ale-robot/three/config", refuse)
-    place.hub.serve("ale-robot/one/task", lambda _: b"no")
+    place.hub.serve("ale-robot/one/job", lambda _: b"no")
 
     def found() -> set[Envelope]:
         answers = client.gather("ale-robot/*/config", PATIENCE)

@@ -190,7 +190,7 @@ def test_what_is_longer_than_anybody_sends_is_dropped_at_the_hub(
     keys, heard = RunKeys("r"), []
     zenoh_hub.subscribe(keys.stats("*", "*"), lambda told: heard.append(len(told.payload)))
     zenoh_hub.serve(keys.insert("*"), lambda request: b"%d" % len(request.payload))
-    zenoh_hub.serve(keys.task("e"), lambda request: b"%d" % len(request.payload))
+    zenoh_hub.serve(keys.job("e"), lambda request: b"%d" % len(request.payload))
     stats = zenoh_client.publisher(keys.stats("actor", "a"))
 
     lengths = cycle((70_000, 60_000))  # one at a time: two at once would be too often
@@ -201,10 +201,10 @@ def test_what_is_longer_than_anybody_sends_is_dropped_at_the_hub(
 
     wait_until(told, "heartbeats are heard")
     assert set(heard) == {60_000}
-    insert, task = (zenoh_client.requester(key, 1.0) for key in (keys.insert("a"), keys.task("e")))
-    wait_until(lambda: insert.has_server and task.has_server, "both are served")
+    insert, job = (zenoh_client.requester(key, 1.0) for key in (keys.insert("a"), keys.job("e")))
+    wait_until(lambda: insert.has_server and job.has_server, "both are served")
     chunk = insert.request(b"x" * 30 * 2**20)
-    assert isinstance(task.request(b"x" * 70_000).exception(), Unanswered)
+    assert isinstance(job.request(b"x" * 70_000).exception(), Unanswered)
     assert isinstance(insert.request(b"x" * 33 * 2**20).exception(), Unanswered)
     assert chunk.exception() is not None or chunk.result().payload == b"%d" % (30 * 2**20)
 
@@ -326,7 +326,7 @@ def test_who_answers_without_end_is_not_listened_to_without_end(
             query.reply(key, bytes(1_000), attachment=seal(key, bytes(1_000)))
 
     monkeypatch.setattr(zenoh_transport, "LONGEST_RECEIVED", 10_000)
-    everywhere, one = RunKeys("*").config, RunKeys("r").task("e")
+    everywhere, one = RunKeys("*").config, RunKeys("r").job("e")
     served: Any = zenoh_hub.session.declare_queryable(everywhere, answer)
     found = wait_until(lambda: zenoh_client.gather(everywhere, PATIENCE), "it answers")
     assert sum(len(each.payload) for each in found) == 11_000
@@ -348,7 +348,7 @@ def test_who_answers_without_end_is_not_listened_to_without_end(
 def test_a_damaged_answer_is_no_answer(
     zenoh_hub: ZenohTransport, zenoh_client: ZenohTransport, answer: Callable[[zenoh.Query], None]
 ) -> None:
-    key = RunKeys("r").task("e")
+    key = RunKeys("r").job("e")
     served: Any = zenoh_hub.session.declare_queryable(key, answer)
     requester = zenoh_client.requester(key, PATIENCE)
     wait_until(lambda: requester.has_server, "it is served")

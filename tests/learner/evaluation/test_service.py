@@ -23,7 +23,7 @@ def _coordinator(folder: Path) -> EvaluationCoordinator:
 
 
 def _ask(client: Transport, name: str) -> EvaluationJob:
-    answer = client.requester(KEYS.task(name), PATIENCE).request(b"").result()
+    answer = client.requester(KEYS.job(name), PATIENCE).request(b"").result()
     return EvaluationJob.decode(answer.payload)
 
 
@@ -120,4 +120,4 @@ def test_a_closed_transport_answers_nobody(
     serve_evaluators(hub, KEYS, _coordinator(tmp_path), unsigned)
     assert _ask(client, "e1").kind == "wait"
     hub.close()
-    assert not client.requester(KEYS.task("e1"), PATIENCE).has_server
+    assert not client.requester(KEYS.job("e1"), PATIENCE).has_server
