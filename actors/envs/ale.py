@@ -75,14 +75,10 @@ class AtariEnv(GameEnv):
             training=training,
         )
 
-    def ram(self) -> NDArray[np.uint8]:
-        """Returns the console's memory, ``uint8 [128]``."""
-        return self._game.emulator.ram()
-
     @property
     def seen(self) -> NDArray[np.uint8]:
         """The emulator's screen."""
-        return self._game.emulator.screen_rgb()
+        return self.emulator.screen_rgb()
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -95,7 +91,7 @@ class AtariEnv(GameEnv):
             self._camera = None if perfect else FrameCamera(camera, self.np_random)
             if self._camera is not None:
                 look = partial(self._camera.take, agent_steps=1)
-                self._time_eye(look, self._game.emulator.screen_grey())
+                self._time_eye(look, self.emulator.screen_grey())
         self._frames.restart(self._frame(0))
         return self._observation(), StepInfo(*self._game.standing, elapsed=0)._asdict()
 
@@ -113,5 +109,5 @@ class AtariEnv(GameEnv):
         return self.seen if self.render_mode == "rgb_array" else None
 
     def _frame(self, agent_steps: int) -> NDArray[np.uint8]:
-        screen = self._game.emulator.screen_grey()
+        screen = self.emulator.screen_grey()
         return shrink(screen) if self._camera is None else self._camera.take(screen, agent_steps)

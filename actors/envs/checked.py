@@ -1,5 +1,5 @@
-"""Checks what an environment of another package gives, and shows it: the replay would store wrong
-states in silence."""
+"""Checks what an environment of another package gives, because the replay would store wrong states
+in silence; and shows it."""
 
 import math
 from numbers import Real
@@ -29,8 +29,10 @@ class CheckedEnv(gymnasium.Wrapper[Any, Any, Any, Any], ShownEnv[Any, Any]):
     has to be the frames of the state before without the oldest, and a new one; the first state of
     an episode repeats its only frame.
 
-    Making it raises InputError if the actions are otherwise, or the rate is none; `reset` and
-    `step`, if a state is; and `seen`, if it cannot render, or a picture is none.
+    Raises:
+        InputError: its actions are not those of the settings, or its rate is not a positive
+            number. From `reset` and `step`: a state is malformed. From `seen`: it cannot render, or
+            the picture is malformed.
     """
 
     def __init__(self, env: gymnasium.Env[Any, Any], config: RunConfig) -> None:

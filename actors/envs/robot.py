@@ -108,20 +108,14 @@ class RobotEnv(GameEnv):
             clip_rewards=config.learning.clip_rewards,
         )
 
-    def ram(self) -> NDArray[np.uint8]:
-        """Returns the console's present memory, ``uint8 [128]``."""
-        with self._clock.still():
-            return self._game.emulator.ram()
-
     def still(self) -> AbstractContextManager[object]:
-        """Returns a context in which the world stands still, so that it can be looked at."""
         return self._clock.still()
 
     @property
     def seen(self) -> NDArray[np.uint8]:
         """The camera's last picture, ``[240, 320, 3]``."""
         if self._seen is None:
-            with self._clock.still():
+            with self.still():
                 self._seen = self._picture()
         return self._seen
 
@@ -144,9 +138,9 @@ class RobotEnv(GameEnv):
             self._play_random_start()
             if self._play.eye == "camera":
                 look = partial(self.robot.camera_picture, agent_steps=1)
-                self._time_eye(look, self._game.emulator.screen_rgb())
+                self._time_eye(look, self.emulator.screen_rgb())
         self._photograph(0)
-        self._look()
+        self._detect()
         self._frames.restart(self.detection.frame)
         observation, info = self._observation(), self._info([], 0, ())
         self._clock.start()
@@ -155,7 +149,7 @@ class RobotEnv(GameEnv):
     def step(self, action: np.int64 | int) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Send the hands to the action's keys, and let time pass."""
         # Time passes only while the clock waits, so that all that is told is of the step's end.
-        with self._clock.still():
+        with self.still():
             agent_steps = self._clock.command(self._game.action(action))
             missed = len(agent_steps)
             photographed = 0
@@ -172,7 +166,7 @@ class RobotEnv(GameEnv):
             obeying = agent_steps[missed : None if self.clock.wait_action else missed + 1]
             kept = sum(not agent_step.late for agent_step in obeying)
             self._photograph(len(agent_steps) - photographed)
-            self._look()
+            self._detect()
             self._frames.push(self.detection.frame)
             info = self._info(agent_steps, len(agent_steps) - kept, self._world.key_watch.take())
             reward = self._reward(agent_steps)
@@ -187,8 +181,8 @@ class RobotEnv(GameEnv):
         self, width: int, height: int, viewpoint: ViewName = "room", *, moved: bool = True
     ) -> NDArray[np.uint8]:
         """Returns the robot from outside as in `Robot.view`, ``uint8 [height, width, 3]``."""
-        with self._clock.still():
-            screen = self._game.emulator.screen_rgb()
+        with self.still():
+            screen = self.emulator.screen_rgb()
             return self.robot.view(screen, width, height, viewpoint, moved=moved)
 
     def close(self) -> None:
@@ -243,11 +237,11 @@ class RobotEnv(GameEnv):
 
     def _picture(self) -> NDArray[np.uint8]:
         passed, self._unseen = self._unseen, 0
-        screen = self._game.emulator.screen_rgb()
+        screen = self.emulator.screen_rgb()
         self._shown = screen
         return self.robot.camera_picture(screen, passed)
 
-    def _look(self) -> None:
+    def _detect(self) -> None:
         if self._play.eye == "camera":
             before, self.detection = self.detection, self.detector.detect(self.seen)
             if is_blank(self.detection.frame) and not is_blank(self._own_frame()):
@@ -260,7 +254,7 @@ class RobotEnv(GameEnv):
             self.detection = Detection(self._own_frame(), True, None)
 
     def _own_frame(self) -> NDArray[np.uint8]:
-        return shrink(self._game.emulator.screen_grey())
+        return shrink(self.emulator.screen_grey())
 
     def _play_random_start(self) -> None:
         count = self.np_random.integers(self._play.random_starts + 1)

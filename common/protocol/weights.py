@@ -46,7 +46,8 @@ class NotSafetensors(MessageError):
 
 
 def load_weights(network: nn.Module, payload: bytes) -> None:
-    """Puts the weights in ``payload`` into ``network``: `decode_weights`, then `set_weights`."""
+    """Puts the weights in ``payload`` into ``network``: `decode_weights`, then `set_weights`, whose
+    errors it raises."""
     set_weights(network, decode_weights(payload))
 
 

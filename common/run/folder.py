@@ -87,7 +87,8 @@ class RunFolder:
         return cls(path.parent, path.name) if (path / "config.json").is_file() else None
 
     def stored_config(self) -> RunConfig | None:
-        """Returns the configuration with which the run was started; None for a new run."""
+        """Returns the configuration with which the run was started; None for a new run. Raises
+        InputError if the file cannot be read."""
         try:
             told = json.loads(read_file(self.config_file))
             return from_mapping(RunConfig, told, str(self.config_file), fill=True)

@@ -374,14 +374,14 @@ def test_check_is_red_for_a_robot_that_is_blind(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Its detector is shown a grey wall, as in 2017, when nobody was told."""
-    look = RobotEnv._look
+    detect = RobotEnv._detect
 
     def look_at_a_wall(env: RobotEnv) -> None:
-        look(env)
+        detect(env)
         env._seen = np.full_like(env.seen, 128)
         env.detection = env.detector.__class__().detect(env.seen)
 
-    monkeypatch.setattr(RobotEnv, "_look", look_at_a_wall)
+    monkeypatch.setattr(RobotEnv, "_detect", look_at_a_wall)
     assert command(monkeypatch, "check", "-o", str(tmp_path / "p.png")) == 1
     said = capsys.readouterr().out
     assert said.count("red:") == 3
