@@ -35,7 +35,10 @@ class Actor:
         self._obeyed: Ack | None = None
         self._chunkers = [
             Chunker(
-                *(member.keys.run_id, member.name, member.incarnation, stream),
+                member.keys.run_id,
+                member.name,
+                member.incarnation,
+                stream,
                 member.config.stream.chunk_steps,
             )
             for stream in range(len(envs))

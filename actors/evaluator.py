@@ -94,7 +94,7 @@ class Evaluator:
             if ended or done:
                 found = (Game(step.info.game_score, step.info.game_steps),) if ended else ()
                 report = EvaluationReport(
-                    *(name, job.epoch, steps - reported, found, done), run_id=job.run_id
+                    name, job.epoch, steps - reported, found, done, run_id=job.run_id
                 )
                 reported = steps
                 if not self._report(report):

@@ -46,9 +46,7 @@ def join(options: ActorOptions) -> None:
     with (
         end_with_any_thread(stop),
         connect(
-            *(options.connect, options.patience, stopped),
-            name=name,
-            certificates=options.certificates,
+            options.connect, options.patience, stopped, name=name, certificates=options.certificates
         ) as transport,
     ):
         keys, config = find_run(
@@ -57,9 +55,7 @@ def join(options: ActorOptions) -> None:
         options.check_against(config)
         trusted = check_certificates(options.connect, options.certificates, "actor", name)
         check = checker(trusted)
-        member = Member(
-            *(name, transport, keys, config, options.patience, stop), check_weights=check
-        )
+        member = Member(name, transport, keys, config, options.patience, stop, check_weights=check)
         _play(member, options)
 
 

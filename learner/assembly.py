@@ -124,7 +124,9 @@ def build_learner(
         registry=registry,
         telemetry=telemetry,
         guard=HealthGuard(
-            *(options.gate_minutes, options.stall_minutes, config.stream.chunk_steps),
+            options.gate_minutes,
+            options.stall_minutes,
+            config.stream.chunk_steps,
             force=options.force,
             warn=telemetry.say,
             now=clock.now,

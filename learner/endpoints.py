@@ -48,7 +48,7 @@ def open_replay(
         return
     patience, stopped = options.patience, patiently(stop, endpoint)
     with connect(
-        *(endpoint, patience, stopped), role="learner", certificates=options.certificates
+        endpoint, patience, stopped, role="learner", certificates=options.certificates
     ) as transport:
         keys, served = find_run(transport, folder.name, patience, stopped, options.certificates)
         if unequal := differences(served, config):

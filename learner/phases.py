@@ -108,7 +108,10 @@ class Phases:
             remaining=config.protocol.test_steps,
         )
         row = _row(
-            *(test, self._scores, self._began, now),
+            test,
+            self._scores,
+            self._began,
+            now,
             phase="train" if self.epoch or config.exploration.start < 1 else "random",
             steps=self.phase_steps,
             last_exploration_rate=config.epsilon_at(self.agent_steps),
@@ -124,7 +127,9 @@ class Phases:
         now = self._clock.seconds()
         return _row(
             test,
-            *(test.scores, now if test.began is None else test.began, now),
+            test.scores,
+            now if test.began is None else test.began,
+            now,
             phase="test",
             steps=test.steps,
             last_exploration_rate=self._config.protocol.test_epsilon,

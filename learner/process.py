@@ -74,8 +74,16 @@ def train(options: LearnerOptions, again: bool) -> int:
         if demonstrations is not None:
             write_atomically(folder.demonstrations, demonstrations.begun.encode())
         learner = build_learner(
-            *(options, folder, transport, replay, algorithm, device, display, stop),
-            *(KeptLogSink(keep), *pages),
+            options,
+            folder,
+            transport,
+            replay,
+            algorithm,
+            device,
+            display,
+            stop,
+            KeptLogSink(keep),
+            *pages,
             sign=sign,
             page=page,
         )

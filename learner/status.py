@@ -218,7 +218,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         options.connect, options.patience, role="learner", certificates=options.certificates
     ) as transport:
         keys, _ = find_run(
-            *(transport, options.run, options.patience, lambda: False), options.certificates
+            transport, options.run, options.patience, lambda: False, options.certificates
         )
         report = ask(transport, keys, options.connect, options.patience)
     if options.json:

@@ -130,7 +130,9 @@ def _open(options: ReplayOptions, stop: threading.Event) -> Transport:
     if options.listen != DEFAULT_ENDPOINT:
         raise InputError("a replay either listens or joins a hub: give --listen or --connect.")
     transport = connect(
-        *(hub, math.inf, patiently(stop, hub)),
+        hub,
+        math.inf,
+        patiently(stop, hub),
         role="replay",
         name=options.run,
         certificates=options.certificates,
@@ -142,11 +144,11 @@ def _open(options: ReplayOptions, stop: threading.Event) -> Transport:
             f"the hub at {hub} serves a run called {options.run}: name another with --run."
         )
     if not served and options.certificates is not None:
-        _log.warning(
+        text = (
             "the hub at %s does not announce its own run: if nobody finds %s, check whether the "
-            "hub's runs.txt listed it when the hub was started",
-            *(hub, options.run),
+            "hub's runs.txt listed it when the hub was started"
         )
+        _log.warning(text, hub, options.run)
     return transport
 
 

@@ -24,10 +24,11 @@ class RateLimiter:
     def of(cls, config: RunConfig) -> "RateLimiter":
         """Returns the limiter of a run. `RunConfig.check` refuses settings under which both sides
         would wait."""
-        replay, learning = config.replay, config.learning
         return cls(
-            *(config.samples_per_insert, replay.learning_starts, replay.ratio_tolerance),
-            batch_size=learning.batch_size,
+            samples_per_insert=config.samples_per_insert,
+            learning_starts=config.replay.learning_starts,
+            tolerance=config.replay.ratio_tolerance,
+            batch_size=config.learning.batch_size,
         )
 
     def deficit(self, inserted: int, drawn: int) -> float:

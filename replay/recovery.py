@@ -65,11 +65,11 @@ def read_index(path: Path, config: RunConfig) -> tuple[ChunkIndex, str | None]:
                 raise damaged(path, "in line 2") from None
             lost.append(number)
     if lost:
-        _log.warning(
+        text = (
             "%d of %d lines of %s are damaged, the first is line %d: their chunks are lost, "
-            "the rest is used",
-            *(len(lost), len(entries), path, lost[0]),
+            "the rest is used"
         )
+        _log.warning(text, len(lost), len(entries), path, lost[0])
     # In case the line that evicts them was lost.
     index.evict(max(index.tail, index.head - config.replay.capacity))
     identity = header.get("uuid")
@@ -89,10 +89,8 @@ def restore(ring: Ring, index: ChunkIndex, folder: Path) -> NDArray[np.int64]:
     for key in lost:
         index.drop(key)
     if lost:
-        _log.warning(
-            "%d of %d chunks in %s are damaged: they are not drawn, the rest is used",
-            *(len(lost), kept, folder),
-        )
+        text = "%d of %d chunks in %s are damaged: they are not drawn, the rest is used"
+        _log.warning(text, len(lost), kept, folder)
     ring.tail, ring.head = index.tail, index.head
     for key, place in index.chunks.items():
         ring.link(place)

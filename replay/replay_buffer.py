@@ -193,10 +193,8 @@ class ReplayBuffer:
             self._store.sampler.update(ids[finite], priorities[finite].astype(np.float64))
             gone, actors = self._store.quarantine(ids[~finite])
         if actors:
-            _log.warning(
-                "steps %s of %s are not drawn again: their loss is not finite",
-                *(", ".join(map(str, gone)), ", ".join(actors)),
-            )
+            text = "steps %s of %s are not drawn again: their loss is not finite"
+            _log.warning(text, ", ".join(map(str, gone)), ", ".join(actors))
 
     def held_out(
         self, count: int, newest: int | None = None

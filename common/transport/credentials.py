@@ -148,11 +148,11 @@ class Credentials:
         for path in (found.authority, found.certificate):
             ended = x509.load_pem_x509_certificate(path.read_bytes()).not_valid_after_utc
             if ended < datetime.now(UTC):
-                _log.warning(
+                text = (
                     "%s is out of date since %s, so nobody accepts it: make a new one with "
-                    "deploy/certificates.sh, and replace the file",
-                    *(path, ended.strftime("%Y-%m-%d %H:%M UTC")),
+                    "deploy/certificates.sh, and replace the file"
                 )
+                _log.warning(text, path, ended.strftime("%Y-%m-%d %H:%M UTC"))
         return found
 
     def settings(self, role: Role) -> dict[str, object]:

@@ -85,11 +85,11 @@ def _listening(endpoint: str, files: int) -> dict[str, Any]:
     # Zenoh's default of 1,000 would exclude the last of 1,024 actors.
     sessions = min(MOST_SESSIONS, files * 3 // 8)
     if sessions < MOST_SESSIONS:
-        _log.warning(
+        text = (
             "%s takes at most %d processes, because this one may have %d open files: raise the "
-            "hard limit (ulimit -n) for more",
-            *(endpoint, sessions, files),
+            "hard limit (ulimit -n) for more"
         )
+        _log.warning(text, endpoint, sessions, files)
     return {
         "listen/endpoints": [endpoint],
         "transport/unicast/max_sessions": sessions,

@@ -215,7 +215,7 @@ class Room(ABC):
         self.controller.show()
         seen_from = self.viewpoints[viewpoint]
         return self._views.picture(
-            *(seen_from, screen, width, height), moved=moved, turn=turn, appearance=self.held
+            seen_from, screen, width, height, moved=moved, turn=turn, appearance=self.held
         )
 
     def scene(self) -> Scene:
