@@ -68,22 +68,7 @@ def find_run(
         check_name("run", name)
     began = time.monotonic()
     while True:
-        found: dict[str, Announcement] = {}
-        unfit: dict[str, InputError] = {}
-        for answer in transport.gather(RunKeys(name or "*").config, _DEADLINE):
-            try:
-                told = Announcement.decode(answer.payload)
-            except MessageError as error:
-                unfit[answer.key] = InputError(
-                    f"the hub does not speak this version's language ({error}): "
-                    "install the same version on both machines."
-                )
-                continue
-            except InputError as error:
-                unfit[answer.key] = error
-                continue
-            if answer.key == RunKeys(told.run).config:  # else it claims another run's name
-                found[told.run] = told
+        found, unfit = _announced(transport, RunKeys(name or "*").config)
         if len(found) > 1:
             raise InputError(
                 f"the hub serves several runs ({', '.join(sorted(found))}): name one with --run."
@@ -104,3 +89,26 @@ def find_run(
         for key, reason in unfit.items():
             _log.warning("what %s announces is passed over: %s", key, reason)
         time.sleep(_PAUSE)
+
+
+def _announced(
+    transport: Transport, key: str
+) -> tuple[dict[str, Announcement], dict[str, InputError]]:
+    """Returns the runs that are announced under ``key``, by name; and by their own key, why others
+    cannot be joined from here."""
+    found: dict[str, Announcement] = {}
+    unfit: dict[str, InputError] = {}
+    for answer in transport.gather(key, _DEADLINE):
+        try:
+            told = Announcement.decode(answer.payload)
+        except MessageError as error:
+            unfit[answer.key] = InputError(
+                f"the hub does not speak this version's language ({error}): "
+                "install the same version on both machines."
+            )
+        except InputError as error:
+            unfit[answer.key] = error
+        else:
+            if answer.key == RunKeys(told.run).config:  # otherwise it claims another run's name
+                found[told.run] = told
+    return found, unfit
