@@ -17,11 +17,12 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import closing
 from dataclasses import asdict, dataclass, replace
-from itertools import count
+from itertools import count, pairwise
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import StringConstraints
 
 from common.checked import Count, build
@@ -157,36 +158,40 @@ class Demonstrations:
         episode that was cut short loses its last step, and the step before it is truncated.
         """
         length, context = self._config.stream.chunk_steps, self._config.play.frame_stack - 1
-        sequence = 0
+        sequence = count()
+        for rows in self._episodes():
+            truncated = bool(rows["truncated"][-1])
+            last = len(rows["actions"]) - truncated
+            for first in range(0, last, length):
+                after = min(first + length, last)
+                part: dict[str, Any] = {
+                    name: values[first:after].copy() for name, values in rows.items()
+                }
+                closes = truncated and after == last
+                part["truncated"][-1] = closes
+                final = slice(last, last + closes)
+                yield Chunk(
+                    run_id=run_id,
+                    actor=DEMONSTRATIONS,
+                    incarnation=incarnation,
+                    stream=0,
+                    sequence=next(sequence),
+                    weights_version=0,
+                    epsilon=0.0,
+                    context=rows["frames"][max(first - context, 0) : first],
+                    final_frames=rows["frames"][final],
+                    final_vectors=rows["vectors"][final],
+                    **part,
+                )
+
+    def _episodes(self) -> Iterator[dict[str, NDArray[Any]]]:
+        """Yields the recorded rows of each episode, by field."""
         for rows in self._dataset.read():
             ends = np.flatnonzero(rows["terminated"] | rows["truncated"]) + 1
             if not ends.size or ends[-1] != len(rows["actions"]):
                 raise InputError("a recorded game has no end: record it again.")
-            for begin, end in zip([0, *ends[:-1].tolist()], ends.tolist(), strict=True):
-                truncated = bool(rows["truncated"][end - 1])
-                last = end - truncated
-                for first in range(begin, last, length):
-                    after = min(first + length, last)
-                    part: dict[str, Any] = {
-                        name: values[first:after].copy() for name, values in rows.items()
-                    }
-                    closes = truncated and after == last
-                    part["truncated"][-1] = closes
-                    final = slice(last, last + closes)
-                    yield Chunk(
-                        run_id=run_id,
-                        actor=DEMONSTRATIONS,
-                        incarnation=incarnation,
-                        stream=0,
-                        sequence=sequence,
-                        weights_version=0,
-                        epsilon=0.0,
-                        context=rows["frames"][max(begin, first - context) : first],
-                        final_frames=rows["frames"][final],
-                        final_vectors=rows["vectors"][final],
-                        **part,
-                    )
-                    sequence += 1
+            for begin, end in pairwise([0, *ends.tolist()]):
+                yield {name: values[begin:end] for name, values in rows.items()}
 
     def insert(
         self,
