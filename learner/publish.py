@@ -21,11 +21,12 @@ import tyro
 from common.atomic_file import write_atomically
 from common.checked import FromOne
 from common.errors import InputError, MessageError, exit_on_input_error
-from common.network import build_network, count_actions_of
+from common.network import QNetwork, build_network, count_actions_of
 from common.process.command_line import parse
 from common.process.lifeline import on_signals
 from common.protocol.weights import decode_weights, encode_weights, set_weights
 from common.run.clock import ClockConfig
+from common.run.config import RunConfig
 from common.run.folder import RunFolder
 from learner.evaluation.offline import evaluate
 from learner.evaluation.options import EvaluationOptions
@@ -69,6 +70,26 @@ def publish(options: Options, stop: threading.Event) -> dict[str, Any]:
     """
     if options.output.name in ("", ".."):
         raise InputError(f"{options.output} names no file: give -o a name, such as policies/NAME.")
+    config, network, card = _trained(options)
+    options.output.parent.mkdir(parents=True, exist_ok=True)
+    weights = options.output.with_name(f"{options.output.name}.safetensors")
+    published = encode_weights(network, config, torch.float16)
+    card["sha256"] = hashlib.sha256(published).hexdigest()
+    write_atomically(weights, published)
+    _write(options.output, card)
+    asked = EvaluationOptions(evaluate=weights, headline=True, games=options.games)
+    asked.check()
+    scores = evaluate(asked, config.for_play, config.for_play, ClockConfig(), stop)
+    if scores is None:
+        raise InputError("the evaluation was stopped, so the card has no scores: publish again.")
+    card["evaluation"] = scores | {"weights": weights.stem}  # without the path on this machine
+    _write(options.output, card)
+    return card
+
+
+def _trained(options: Options) -> tuple[RunConfig, QNetwork, dict[str, Any]]:
+    """Returns the run's settings, the network to publish, and what the card says of its
+    training."""
     if not options.run.is_dir():
         raise InputError(f"{options.run} does not exist: name the folder of a run.")
     folder = RunFolder(options.run.parent, options.run.name)
@@ -96,20 +117,7 @@ def publish(options: Options, stop: threading.Event) -> dict[str, Any]:
     card["initial"] = summary.get("initial", False)
     if not options.last:
         card["snapshot"] = _read(best)
-    options.output.parent.mkdir(parents=True, exist_ok=True)
-    weights = options.output.with_name(f"{options.output.name}.safetensors")
-    published = encode_weights(network, config, torch.float16)
-    card["sha256"] = hashlib.sha256(published).hexdigest()
-    write_atomically(weights, published)
-    _write(options.output, card)
-    asked = EvaluationOptions(evaluate=weights, headline=True, games=options.games)
-    asked.check()
-    scores = evaluate(asked, config.for_play, config.for_play, ClockConfig(), stop)
-    if scores is None:
-        raise InputError("the evaluation was stopped, so the card has no scores: publish again.")
-    card["evaluation"] = scores | {"weights": weights.stem}  # without the path on this machine
-    _write(options.output, card)
-    return card
+    return config, network, card
 
 
 def _read(file: Path) -> dict[str, Any]:
