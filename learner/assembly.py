@@ -96,12 +96,6 @@ def build_learner(
         clock.now,
         gpu=device.figures,
     )
-    if state is None:
-        telemetry.start()
-    else:
-        with checkpoint.restoring():
-            rows, agent_steps = int(state["rows"]), int(state["books"]["agent_steps"])
-        telemetry.start(rows, agent_steps)
     learner = Learner(
         config=config,
         steps_goal=options.steps,
@@ -134,9 +128,13 @@ def build_learner(
         clock=clock,
         stop=stop,
     )
-    if state is not None:
+    if state is None:
+        telemetry.start()
+    else:
         with checkpoint.restoring():
             learner.restore(state)
+            rows = int(state["rows"])
+        telemetry.start(rows, phases.agent_steps)
     serve_evaluators(transport, keys, evaluation, sign)
     return learner
 
