@@ -23,7 +23,7 @@ from learner.telemetry.live_feed import LiveFeed
 from learner.telemetry.recent_latency import RecentLatency
 from learner.telemetry.running_means import RunningMeans
 from learner.telemetry.sinks.sink import Sink
-from learner.telemetry.snapshot import Histogram, Snapshot
+from learner.telemetry.snapshot import ActorView, Histogram, Snapshot
 from replay.chunk_statistics import Progress
 
 _RATE_WINDOW = 15.0
@@ -167,13 +167,7 @@ class Telemetry:
         if self.phases.train_steps < config.exploration.steps:
             # Until exploration is over, a network cannot be better than a blind one.
             values["learning/relative_td_error"] = None
-        if loop["run/phase"] == "finishing":
-            rate = sum(a.stats.steps_per_second for a in actors if a.stats.role == "evaluator")
-            left = number(loop, "evaluation/steps_left")
-        else:
-            rate = number(values, "stream/steps_per_second") or 0.0
-            left = max(self.phases.phase_length - self.phases.phase_steps, 0)
-        values["run/seconds_left"] = left / rate if rate and left is not None else None
+        values["run/seconds_left"] = self._seconds_left(values, actors)
         checks = judge(values, config)
         values["gates/failed"] = sum(check.passed is False for check in checks)
         if unknown := values.keys() - METRICS.keys():
@@ -186,6 +180,17 @@ class Telemetry:
             rewards={phase: self.rewards(phase) for phase in ("random", "train", "test")},
             histograms=self._histograms(key_times),
         )
+
+    def _seconds_left(self, values: Values, actors: Sequence[ActorView]) -> float | None:
+        """Returns the time to the end of the phase, or of the last tests; None if it is unknown."""
+        if values["run/phase"] == "finishing":
+            evaluators = (each.stats for each in actors if each.stats.role == "evaluator")
+            rate: float | None = sum(stats.steps_per_second for stats in evaluators)
+            left = number(values, "evaluation/steps_left")
+        else:
+            rate = number(values, "stream/steps_per_second")
+            left = max(self.phases.phase_length - self.phases.phase_steps, 0)
+        return left / rate if rate and left is not None else None
 
     def _histograms(self, key_times: tuple[int, ...]) -> dict[str, Histogram]:
         found = {}
