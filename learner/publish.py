@@ -30,6 +30,7 @@ from common.run.config import RunConfig
 from common.run.folder import RunFolder
 from learner.evaluation.offline import evaluate
 from learner.evaluation.options import EvaluationOptions
+from learner.evaluation.snapshots import Snapshots
 
 _FROM_SUMMARY = (
     "run",
@@ -93,9 +94,9 @@ def _trained(options: Options) -> tuple[RunConfig, QNetwork, dict[str, Any]]:
     if not options.run.is_dir():
         raise InputError(f"{options.run} does not exist: name the folder of a run.")
     folder = RunFolder(options.run.parent, options.run.name)
-    source = folder.checkpoint if options.last else folder.snapshots / "best.safetensors"
-    best = folder.snapshots / "best.json"
-    for file in (source, folder.summary) if options.last else (source, best, folder.summary):
+    snapshots = Snapshots(folder.snapshots)
+    source = folder.checkpoint if options.last else snapshots.best
+    for file in (source, *([] if options.last else [snapshots.best_card]), folder.summary):
         if not file.is_file():
             raise InputError(f"{file} does not exist: continue the run until it does.")
     config = folder.stored_config()
@@ -116,7 +117,7 @@ def _trained(options: Options) -> tuple[RunConfig, QNetwork, dict[str, Any]]:
     card = {name: summary[name] for name in _FROM_SUMMARY}
     card["initial"] = summary.get("initial", False)
     if not options.last:
-        card["snapshot"] = _read(best)
+        card["snapshot"] = _read(snapshots.best_card)
     return config, network, card
 
 

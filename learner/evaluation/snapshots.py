@@ -20,6 +20,10 @@ class Snapshots:
     def __init__(self, folder: Path, *, keep: bool = False) -> None:
         self._folder = folder
         self.keep = keep
+        self.best = folder / "best.safetensors"
+        """The weights of the best test."""
+        self.best_card = folder / "best.json"
+        """What is known of that test."""
 
     def write(self, epoch: int, weights: bytes) -> None:
         """Stores the weights of an epoch until `remove`."""
@@ -36,14 +40,14 @@ class Snapshots:
             self.file(epoch).unlink(missing_ok=True)
 
     def keep_as_best(self, epoch: int, card: dict[str, Any]) -> None:
-        """Makes an epoch's weights ``best.safetensors``, and writes ``card`` beside them."""
-        write_atomically(self._folder / "best.safetensors", self.read(epoch))
-        write_atomically(self._folder / "best.json", json.dumps(card, indent=2).encode())
+        """Makes an epoch's weights `best`, and writes ``card`` beside them."""
+        write_atomically(self.best, self.read(epoch))
+        write_atomically(self.best_card, json.dumps(card, indent=2).encode())
 
     def best_score(self) -> float | None:
-        """Returns the mean score of ``best.safetensors``; None if its card is missing or broken."""
+        """Returns the mean score of `best`; None if its card is missing or broken."""
         try:
-            return build(Score, json.loads(read_file(self._folder / "best.json"))["mean_score"])
+            return build(Score, json.loads(read_file(self.best_card))["mean_score"])
         except (OSError, ValueError, TypeError, KeyError, RecursionError):
             return None
 
