@@ -54,6 +54,7 @@ class Emulator:
         """Numbers of the actions that the game tells apart."""
 
     def reset(self) -> None:
+        """Begin a new game; the console stays on."""
         self._ale.reset_game()
         self._remember()
         self._first_frame = self._ale.getEpisodeFrameNumber()

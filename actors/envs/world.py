@@ -39,6 +39,7 @@ class AgentStep:
 
     @property
     def ended(self) -> bool:
+        """Whether the episode ended with it."""
         return self.terminated or self.truncated
 
 

@@ -65,7 +65,7 @@ def evaluate(
     total = options.games * len(measures)
     begins = f"{total} games, {options.at_once} at a time; the time left follows with the first"
     with Progress("evaluating", total, begins) as progress:
-        for later, measure in zip(reversed(range(len(measures))), measures, strict=True):
+        for number, measure in enumerate(measures, 1):
             settings = replace(config, play=replace(config.play, sticky=measure.sticky))
             asked = replace(options, epsilon=measure.epsilon)
             found: list[dict[str, Any]] = []
@@ -74,7 +74,8 @@ def evaluate(
                 played += 1
                 if not console.is_terminal:  # a log lists the games one by one
                     console.print(f"game {played}: score {points(game['score'])}")
-                total = played + max(options.games - len(found), 0) + options.games * later
+                later = options.games * (len(measures) - number)
+                total = played + max(options.games - len(found), 0) + later
                 progress.update(played, total=total, note=f"{played} of {total} games")
             if stop.is_set():
                 break

@@ -155,6 +155,7 @@ class PlainDisplay(Display):
         self.line(text)
 
     def figures(self, snapshot: Snapshot) -> None:
+        """Writes the line of figures."""
         self.line(status_line(snapshot))
 
     def line(self, text: str) -> None:

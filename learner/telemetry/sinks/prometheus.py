@@ -38,6 +38,7 @@ class PrometheusSink(LatestSink):
     """Answers a monitoring system."""
 
     def pages(self) -> dict[str, Callable[[], Page]]:
+        """Returns the pages by path, as `http_endpoints` takes them."""
         return {
             "/healthz": lambda: verdict(hanging(self._silent_for())),
             "/readyz": lambda: verdict(self._not_ready()),
