@@ -62,17 +62,14 @@ class Progress(AbstractContextManager["Progress"]):
         self._schedule = Every(PLAIN_SECONDS, now)
         self._schedule.restart()
 
-    def update(
-        self, done: float, *, total: float | None = None, what: str | None = None, note: str = ""
-    ) -> None:
+    def update(self, done: float, *, total: float | None = None, note: str = "") -> None:
         """Show that ``done`` of the total is done.
 
         Args:
             total: a new total, if it has changed.
-            what: what is being done now, if it has changed.
             note: a figure to show beside it, such as ``1,200 steps``.
         """
-        self._bar.update(self._task, completed=done, total=total, description=what, note=note)
+        self._bar.update(self._task, completed=done, total=total, note=note)
         if self._plain and self._schedule.is_due():
             self._line()
 

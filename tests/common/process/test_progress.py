@@ -47,12 +47,12 @@ def test_an_end_that_nobody_knows_has_no_share() -> None:
     assert stream.getvalue().split(" ", 1)[1] == "playing: 3 s of play\n"
 
 
-def test_another_total_and_another_task_are_told() -> None:
+def test_another_total_is_told() -> None:
     stream, now = io.StringIO(), Now()
     with Progress("evaluating", 4, stream=stream, now=now) as progress:
         now.seconds += 10.0
-        progress.update(1, total=2, what="looking")
-    assert stream.getvalue().split(" ", 1)[1] == "looking: 50 %\n"
+        progress.update(1, total=2)
+    assert stream.getvalue().split(" ", 1)[1] == "evaluating: 50 %\n"
 
 
 class Terminal(io.StringIO):
