@@ -42,6 +42,12 @@ def cannot_write(path: Path, error: OSError) -> InputError:
     return InputError(told, code)
 
 
+def cannot_read(path: Path, error: Exception) -> InputError:
+    """Returns the error that says that ``path`` cannot be read, or what is wrong in it."""
+    why = error.strerror if isinstance(error, OSError) else error
+    return InputError(f"{path} cannot be read ({why}): mend this file, or name another.")
+
+
 def choice(given: str, known: Sequence[str], otherwise: str | None = None) -> str:
     """Returns the end of a sentence that refuses ``given``: the name that was probably meant, or
     ``otherwise``, which by default lists the known names."""

@@ -14,7 +14,7 @@ from typing import Any
 
 from common.atomic_file import write_atomically
 from common.crc32 import crc32
-from common.errors import InputError, writing
+from common.errors import InputError, cannot_read, writing
 from common.regular_file import read_file
 
 Entry = dict[str, Any]
@@ -29,7 +29,7 @@ def read_journal(path: Path) -> list[Entry | None]:
     except FileNotFoundError:
         return []
     except OSError as error:
-        raise InputError(f"{path} cannot be read: {error.strerror}.") from None
+        raise cannot_read(path, error) from None
     checked = _MARK in lines[0]  # former journals have no checksums
     return [_entry(line, checked) for line in lines[:-1]]  # text after the last newline is torn
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from itertools import chain
 from pathlib import Path
 
-from common.errors import InputError
+from common.errors import InputError, cannot_read
 from common.process.first_flags import read_first
 from common.process.own_flags import going_on_from
 from common.regular_file import read_file
@@ -40,10 +40,8 @@ def with_file(arguments: Sequence[str]) -> list[str]:
             name.replace("-", "_"): value for name, value in settings(told) if value is not None
         }
         flags = list(chain.from_iterable(flag_of(*each) for each in given.items()))
-    except OSError as error:
-        raise InputError(f"--config {file} cannot be read: {error.strerror}.") from None
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"--config {file} cannot be read: {error}.") from None
+    except (OSError, ValueError, RecursionError) as error:
+        raise cannot_read(file, error) from None
     if "config" in told:
         raise InputError(f"{file} names another file of settings: remove config from it.")
     if any("\0" in flag for flag in flags):

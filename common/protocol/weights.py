@@ -8,7 +8,7 @@ from safetensors import SafetensorError
 from safetensors.torch import load, save
 from torch import Tensor, nn
 
-from common.errors import InputError, MessageError
+from common.errors import InputError, MessageError, cannot_read
 from common.regular_file import read_file
 from common.run.config import RunConfig
 from common.run.origin import not_a_network, origin_metadata
@@ -86,7 +86,7 @@ def load_weights_file(network: nn.Module, file: Path, what: str) -> None:
     try:
         load_weights(network, read_file(file))
     except OSError as error:
-        raise InputError(f"{file} cannot be read: {error.strerror}.") from None
+        raise cannot_read(file, error) from None
     except NotSafetensors as error:
         raise not_a_network(file, error) from None
     except MessageError as error:

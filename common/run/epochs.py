@@ -18,7 +18,7 @@ from pydantic import AllowInfNan
 
 from common.atomic_file import append_whole, write_atomically
 from common.checked import Count, Invalid, build
-from common.errors import InputError
+from common.errors import InputError, cannot_read
 from common.regular_file import read_file
 
 EpochPhase = Literal["random", "train", "test"]
@@ -132,7 +132,7 @@ class EpochTable:
         except UnicodeDecodeError:
             raise self._damage("it is not text") from None
         except OSError as error:
-            raise InputError(f"cannot read {self._path}: {error.strerror}.") from None
+            raise cannot_read(self._path, error) from None
         if header != _HEADER:
             raise InputError(
                 f"{self._path} is not a table of epochs, because its first line does not name the "

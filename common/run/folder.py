@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import IO, Literal, Self, get_args
 
 from common.atomic_file import write_atomically
-from common.errors import InputError, cannot_write, choice, writing
+from common.errors import InputError, cannot_read, cannot_write, choice, writing
 from common.protocol.run_keys import check_name
 from common.regular_file import no_links, not_waiting, read_file
 from common.run.config import RunConfig
@@ -95,7 +95,7 @@ class RunFolder:
         except FileNotFoundError:
             return None
         except (OSError, ValueError, RecursionError) as error:
-            raise InputError(f"{self.config_file} cannot be read: {error}.") from None
+            raise cannot_read(self.config_file, error) from None
 
     def check_claim(self, part: Part, config: RunConfig, *, resume: bool) -> RunConfig | None:
         """Returns the configuration with which the run was started, as `stored_config`. Raises

@@ -13,7 +13,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from common.errors import InputError
+from common.errors import InputError, cannot_read
 from common.run.epochs import EpochRow, EpochTable
 from common.run.folder import RunFolder
 from learner.figures.plot_style import (
@@ -129,12 +129,12 @@ def _settings(folder: Path) -> str | None:
 def _json(path: Path) -> dict[str, Any] | None:
     try:
         found = json.loads(path.read_text())
+        if not isinstance(found, dict):
+            raise ValueError("it holds no table")
     except FileNotFoundError:
         return None
     except (OSError, ValueError, RecursionError) as error:
-        raise InputError(f"{path} cannot be read: {error}.") from None
-    if not isinstance(found, dict):
-        raise InputError(f"{path} cannot be read: it holds no settings.")
+        raise cannot_read(path, error) from None
     return found
 
 

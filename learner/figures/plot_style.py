@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from common.atomic_file import check_new_file
-from common.errors import InputError
+from common.errors import InputError, writing
 
 _SUFFIXES = (".png", ".svg", ".pdf")
 RANDOM = "#c1121f"
@@ -91,9 +91,8 @@ def save(figure: Figure, path: Path) -> None:
         InputError: the file cannot be written.
     """
     try:
-        figure.savefig(path, dpi=150)
-    except OSError as error:
-        raise InputError(f"cannot write {path}: {error.strerror}.") from None
+        with writing(path):
+            figure.savefig(path, dpi=150)
     finally:
         plt.close(figure)
     print(f"wrote {path}")
