@@ -10,8 +10,9 @@ from common.proprioception import VectorWidths, vector_widths
 from common.protocol.weights import encode_weights, load_weights_file
 from common.registry import ENVIRONMENTS, ROBOTS
 from common.run.config import RunConfig
+from common.run.fit import check_fit
 from common.run.folder import RunFolder
-from common.run.origin import check_fit, origin_of
+from common.run.origin import origin_of
 from learner.options import LearnerOptions
 
 

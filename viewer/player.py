@@ -17,7 +17,8 @@ from common.process.command_line import WeightsFile
 from common.registry import ENVIRONMENTS
 from common.run.clock import ClockConfig
 from common.run.config import MAX_SEED, RunConfig
-from common.run.origin import check_fit, origin_of
+from common.run.fit import check_fit
+from common.run.origin import origin_of
 from common.run.own_settings import ENVIRONMENT, ROBOT
 from common.run.presets import PRESETS
 from common.run.stored_config import flat

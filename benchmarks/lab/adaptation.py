@@ -22,8 +22,8 @@ from common.checked import FromOne
 from common.registry import ENVIRONMENTS
 from common.run.config import RunConfig
 from common.run.epochs import EpochTable
+from common.run.fit import SHAPING_SETTINGS
 from common.run.folder import RunFolder
-from common.run.origin import SHAPING_SETTINGS
 from common.run.presets import PRESETS
 from common.run.stored_config import flag_of, flat
 

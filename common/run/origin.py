@@ -2,20 +2,15 @@
 
 import json
 import os
-import shlex
-from collections.abc import Callable
-from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
 from safetensors import SafetensorError, safe_open
 
 from common.errors import InputError, choice
-from common.pinned_file import path_of
-from common.registry import ALGORITHMS
-from common.run.config import LearningConfig, RunConfig
+from common.run.config import RunConfig
 from common.run.folder import RunFolder
-from common.run.stored_config import flag_of, from_mapping, to_json
+from common.run.stored_config import from_mapping, to_json
 
 SHIPPED = Path(__file__).resolve().parents[2] / "ale_robot" / "policies"
 """Folder of the published policies and their cards."""
@@ -117,97 +112,6 @@ def _json(text: str | bytes, file: Path) -> Any:
         return json.loads(text)
     except (ValueError, RecursionError) as error:
         raise InputError(f"{file} is not JSON ({error}): get it again.") from None
-
-
-VECTOR_SETTINGS = (
-    "play.vector",
-    "play.vector_commands",
-    "play.vector_key_frames",
-    "play.vector_joints",
-    "play.vector_forecast",
-)
-"""Settings of the contents of the vector observation, without the robot's number of joints."""
-_VECTOR = ("play.robot", *VECTOR_SETTINGS, "play.env_settings")
-_SHAPING: tuple[tuple[str, Callable[[RunConfig], Any], tuple[str, ...]], ...] = (
-    (
-        "{} actions",
-        lambda config: config.action_count,
-        ("game", "play.minimal_actions", "play.env_settings"),
-    ),
-    ("{} numbers of proprioception", lambda config: config.vector_width, _VECTOR),
-    ("{} frames per state", lambda config: config.play.frame_stack, ("play.frame_stack",)),
-    (
-        "{} outputs per action",
-        lambda config: ALGORITHMS.find(config.learning.algorithm).atoms(config.learning),
-        ("learning.algorithm", "learning.algorithm_settings", "learning.quantiles"),
-    ),
-    (
-        "layers of {}",
-        lambda config: (
-            f"{config.learning.network}{', normalised' if config.learning.layer_norm else ''}"
-        ),
-        ("learning.network", "learning.layer_norm"),
-    ),
-    (
-        "pixels that are {}",
-        lambda config: _pixels_are(config.learning),
-        ("learning.scale_pixels", "learning.center_pixels", "learning.frame_differences"),
-    ),
-)
-"""Properties that a network's weights need: its shape, and the form of its pixels. Each has words
-for people, a function that measures it, and the settings that it follows from."""
-SHAPING_SETTINGS = frozenset(name for _, _, settings in _SHAPING for name in settings)
-"""Settings that must be those of a network's training for its weights to fit."""
-
-
-def _pixels_are(learning: LearningConfig) -> str:
-    changes = {
-        "scaled": learning.scale_pixels,
-        "centred": learning.center_pixels,
-        "differenced": learning.frame_differences,
-    }
-    *others, last = [name for name, done in changes.items() if done] or ["as they are"]
-    return f"{', '.join(others)} and {last}" if others else last
-
-
-def check_fit(
-    weights: Path, trained: RunConfig | None, config: RunConfig, *, vector: bool = True
-) -> None:
-    """Checks that a network fits the settings ``config`` under which it should play or learn.
-    Raises InputError, with the flags under which it fits, if it does not.
-
-    Args:
-        trained: settings under which ``weights`` were trained; None if they are unknown.
-        vector: whether the vector observation must fit too.
-    """
-    if trained is None:
-        return
-    needs: list[str] = []
-    has: list[str] = []
-    flags: list[str] = []
-    for words, measure, settings in _SHAPING:
-        needed, given = measure(trained), measure(config)
-        if needed != given and (vector or settings is not _VECTOR):
-            needs.append(words.format(needed))
-            has.append(words.format(given))
-            values = [(name, attrgetter(name)) for name in settings]
-            found = [_flag(name, trained) for name, of in values if of(trained) != of(config)]
-            flags += found or [_flag("env", trained)]
-    if flags:
-        other = "" if trained.game == config.game else f", or name a network of {config.game}"
-        raise InputError(
-            f"{weights}, which plays {trained.played}, was trained with "
-            f"{', '.join(needs)}, and here it would have {', '.join(has)}: add "
-            f"{' '.join(dict.fromkeys(flags))}{other}."
-        )
-
-
-def _flag(setting: str, config: RunConfig) -> str:
-    """Returns the flag that gives ``setting`` its value in ``config``."""
-    value = attrgetter(setting)(config)
-    if setting == "play.robot":
-        return f"--robot {shlex.quote(str(path_of(value)))}"
-    return shlex.join(flag_of(setting, value))
 
 
 def run_of(weights: Path) -> RunFolder | None:

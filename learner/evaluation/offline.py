@@ -24,7 +24,8 @@ from common.process.supervisor import Child
 from common.protocol.weights import load_weights_file
 from common.run.clock import ClockConfig
 from common.run.config import RunConfig
-from common.run.origin import SHAPING_SETTINGS, check_fit, name_of
+from common.run.fit import SHAPING_SETTINGS, check_fit
+from common.run.origin import name_of
 from common.run.presets import PRESETS
 from common.run.stored_config import differences, to_json
 from common.strict_json import strict
