@@ -103,37 +103,22 @@ class Demonstrations:
         self._config = config
         self._dataset = Dataset(path)
         self._refuse_others(path)
-        self._stats = ActorStats(DEMONSTRATIONS, "actor", epsilon=0.0)
-        for chunk in self._chunks("", 0):
-            self._stats.made += 1
-            self._stats.steps += len(chunk)
-            self._stats.valid += int(np.count_nonzero(chunk.valid))
-            self._stats.matched += int(np.count_nonzero(chunk.matched))
-            self._stats.decisions += int(chunk.elapsed.sum())
-            try:
-                Chunk.decode(chunk.encode())
-            except MessageError as error:
-                raise InputError(f"{path} is damaged ({error}): name another recording.") from None
-            if (chunk.actions >= config.action_count).any():
-                raise InputError(
-                    f"{path} has actions that this run does not have: record with the same "
-                    "--play.minimal-actions."
-                )
-        if not self._stats.steps:
+        self._stats = stats = self._counted(path)
+        if not stats.steps:
             raise InputError(f"{path} has no step to learn from: record whole games.")
-        waits = self._stats.decisions > self._stats.steps
-        if waits and self._dataset.config.learning.discount != config.learning.discount:
+        waits, discount = stats.decisions > stats.steps, self._dataset.config.learning.discount
+        if waits and discount != config.learning.discount:
             raise InputError(
                 f"the rewards in {path} were discounted with another --learning.discount: give "
-                f"the run {self._dataset.config.learning.discount:g}, or record others."
+                f"the run {discount:g}, or record others."
             )
-        if self._stats.steps > config.replay.capacity:
+        if stats.steps > config.replay.capacity:
             raise InputError(
-                f"{path} has {self._stats.steps:,} steps, too many for the replay: raise "
+                f"{path} has {stats.steps:,} steps, too many for the replay: raise "
                 "--replay.capacity, or record fewer."
             )
-        self.begun = Begun(str(path.resolve()), self._dataset.fingerprint, self._stats.steps)
-        self._stats.incarnation = int(self.begun.fingerprint[:15], 16)
+        self.begun = Begun(str(path.resolve()), self._dataset.fingerprint, stats.steps)
+        stats.incarnation = int(self.begun.fingerprint[:15], 16)
 
     def _refuse_others(self, path: Path) -> None:
         recorded, wanted = (flat(each) for each in (self._dataset.config, self._config))
@@ -150,6 +135,26 @@ class Demonstrations:
                 f"the demonstrations in {path} have {', '.join(unequal)}: record others, or give "
                 "the run their settings."
             )
+
+    def _counted(self, path: Path) -> ActorStats:
+        """Returns the counters of the actor that sends all chunks, each of which it checks."""
+        stats = ActorStats(DEMONSTRATIONS, "actor", epsilon=0.0)
+        for chunk in self._chunks("", 0):
+            stats.made += 1
+            stats.steps += len(chunk)
+            stats.valid += int(np.count_nonzero(chunk.valid))
+            stats.matched += int(np.count_nonzero(chunk.matched))
+            stats.decisions += int(chunk.elapsed.sum())
+            try:
+                Chunk.decode(chunk.encode())
+            except MessageError as error:
+                raise InputError(f"{path} is damaged ({error}): name another recording.") from None
+            if (chunk.actions >= self._config.action_count).any():
+                raise InputError(
+                    f"{path} has actions that this run does not have: record with the same "
+                    "--play.minimal-actions."
+                )
+        return stats
 
     def _chunks(self, run_id: str, incarnation: int) -> Iterator[Chunk]:
         """Yields the steps, episode by episode.

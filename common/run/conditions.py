@@ -172,6 +172,7 @@ SETTINGS_OF_A_ROBOT = tuple(
     for name, hint in get_type_hints(kind, include_extras=True).items()
     if OF_A_ROBOT in getattr(hint, "__metadata__", ())
 )
+"""Full names of the settings that have this mark."""
 
 
 class Conditions(NamedTuple):
