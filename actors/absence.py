@@ -22,7 +22,7 @@ class Absence:
     _told: bool = False
 
     def lasts(self, seconds: float) -> None:
-        """Note that the other process has been away for this long.
+        """Notes that the other process has been away for this long.
 
         Raises:
             Unreachable: it has been away for longer than the patience.
@@ -38,7 +38,7 @@ class Absence:
             self.member.warn(f"the {self.other} does not answer: waiting for it.")
 
     def ends(self) -> None:
-        """Note that the other process answers."""
+        """Notes that the other process answers."""
         if self._told:
             self._told = False
             self.member.warn(f"the {self.other} answers again.")

@@ -47,7 +47,7 @@ class Actor:
         self._heartbeat = Heartbeat(member, "actor", self._stats)
 
     def run(self, seeds: Sequence[int]) -> None:
-        """Play until the run is over or ``stop`` is set; ``seeds`` has one for each environment.
+        """Plays until the run is over or ``stop`` is set; ``seeds`` has one for each environment.
 
         Raises:
             InputError: the hub went away for longer than the patience, or serves another run.
@@ -70,7 +70,7 @@ class Actor:
             self._leave()
 
     def _obey(self, ack: Ack | None) -> None:
-        """Do what the replay's latest acknowledgement says, once."""
+        """Does what the replay's latest acknowledgement says, once."""
         if ack is not self._obeyed and ack is not None:
             self._obeyed = ack
             self._member.check_run(ack.run_id)

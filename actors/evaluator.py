@@ -39,7 +39,7 @@ class Evaluator:
         self._heartbeat = Heartbeat(member, "evaluator", self._stats)
 
     def run(self, seed: int) -> None:
-        """Test until the run is finished or ``stop`` is set.
+        """Tests until the run is finished or ``stop`` is set.
 
         Raises:
             InputError: the learner went away for longer than the patience, or trains another run.
@@ -80,7 +80,7 @@ class Evaluator:
         return None
 
     def _play(self, job: EvaluationJob, seed: int) -> None:
-        """Play whole games until the steps of ``job`` are done, and report each."""
+        """Plays whole games until the steps of ``job`` are done, and reports each."""
         name, stop = self._member.name, self._member.stop
         self._policy.epsilon = job.epsilon
         self._policy.weights_version = job.epoch
@@ -103,7 +103,7 @@ class Evaluator:
                 return
 
     def _report(self, report: EvaluationReport) -> bool:
-        """Report to the learner; returns whether it still wants this test.
+        """Reports to the learner; returns whether it still wants this test.
 
         A learner that was away has forgotten the test, so no answer means no.
         """

@@ -32,7 +32,7 @@ class Member:
     """Checks that weights come from the run's learner."""
 
     def check_run(self, run_id: str) -> None:
-        """Refuse to take part in any run but the one that was joined.
+        """Refuses to take part in any run but the one that was joined.
 
         Raises:
             InputError: ``run_id``, taken from a message, belongs to another run.
@@ -44,5 +44,5 @@ class Member:
             )
 
     def warn(self, sentence: str) -> None:
-        """Tell people what happened."""
+        """Tells people what happened."""
         self.tell(f"{self.name}: {sentence}")

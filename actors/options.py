@@ -58,7 +58,7 @@ class ActorOptions:
             raise InputError("an evaluator plays one game at a time: omit --envs.")
 
     def check_against(self, config: RunConfig) -> None:
-        """Refuse a run that plays something other than these options ask for."""
+        """Refuses a run that plays something other than these options ask for."""
         for flag, wanted, found in (
             ("--env", self.env, config.env),
             ("--game", self.game, config.game),

@@ -27,7 +27,7 @@ class PolicySync:
         return {"difficulty": self._difficulty}
 
     def take_weights(self) -> None:
-        """Use the newest weights that have come."""
+        """Uses the newest weights that have come."""
         found = self._weights.take()
         if found is None or (self._has_weights and found[0] == self._policy.weights_version):
             return
@@ -43,7 +43,7 @@ class PolicySync:
         self._has_weights = True
 
     def follow(self, ack: Ack) -> None:
-        """Set ε from the run's steps, and the games' difficulty; fetch weights that were missed."""
+        """Takes ε and the games' difficulty from the run; fetches weights that were missed."""
         self._policy.epsilon = self._config.epsilon_at(ack.agent_steps)
         self._difficulty = ack.difficulty
         if not ack.finished and (not self._has_weights or self._lags(ack)):

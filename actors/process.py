@@ -30,7 +30,7 @@ from common.transport.signature import checker
 
 
 def join(options: ActorOptions) -> None:
-    """Join a run and play for it until it is over, or a signal comes.
+    """Joins a run and plays for it until it is over, or a signal comes.
 
     Raises:
         InputError: the run cannot be joined, or its hub went away for longer than the patience.
@@ -60,7 +60,7 @@ def join(options: ActorOptions) -> None:
 
 
 def _play(member: Member, options: ActorOptions) -> None:
-    """Play for the run that was joined."""
+    """Plays for the run that was joined."""
     config, run = member.config, member.keys.run
     entropy = (
         [config.seed, zlib.crc32(member.name.encode()), member.incarnation]

@@ -69,12 +69,12 @@ class Flooder:
         self._heartbeat = ActorStats(name, "actor", incarnation=1, run_id=keys.run_id).encode()
 
     def flood(self) -> None:
-        """Start sending, until `stop` is called."""
+        """Starts sending, until `stop` is called."""
         for thread in self._threads:
             thread.start()
 
     def stop(self) -> None:
-        """Send nothing more."""
+        """Sends nothing more."""
         self._over.set()
 
     def counts(self) -> dict[str, float]:
@@ -90,7 +90,7 @@ class Flooder:
             return {**self._counts, "cpu": time.process_time()}
 
     def _count(self, name: str, number: int = 1) -> None:
-        """Add to a count; answers come in threads of the transport."""
+        """Adds to a count; answers come in threads of the transport."""
         with self._counting:
             self._counts[name] += number
 

@@ -84,7 +84,7 @@ class Training(HostedRun):
         return flooder
 
     def await_flood(self) -> None:
-        """Wait until the flood is more than the hub accepts.
+        """Waits until the flood is more than the hub accepts.
 
         Raises:
             InputError: a process ended, or the flood is within the flooder's quota.
@@ -95,7 +95,7 @@ class Training(HostedRun):
                 raise InputError(f"the flood is within the quota: {_BUSY}")
 
     def await_seconds(self, seconds: float) -> None:
-        """Wait until the run has trained for ``seconds`` more by the learner's clock.
+        """Waits until the run has trained for ``seconds`` more by the learner's clock.
 
         Raises:
             InputError: a process ended, or the learner does not train.
@@ -107,7 +107,7 @@ class Training(HostedRun):
                 raise InputError(f"the learner did not train for {seconds:g} s: {_BUSY}")
 
     def _values(self) -> Mapping[str, Any]:
-        """Wait until the learner trains; returns its figures.
+        """Waits until the learner trains; returns its figures.
 
         Raises:
             InputError: a process ended, or the learner does not begin to train.

@@ -78,7 +78,7 @@ class HostedRun:
         """Starts what else a subclass needs when the run is ready; ``stack`` ends it."""
 
     def check(self) -> None:
-        """Check that no process ended by itself.
+        """Checks that no process ended by itself.
 
         Raises:
             InputError: a process ended; the message has its last line.

@@ -145,7 +145,7 @@ class LocalRun(HostedRun):
     # ------------------------------------------------------------------ waiting
 
     def settle(self) -> None:
-        """Wait until the run is in a steady state, in which one side waits for the other; 40 s at
+        """Waits until the run is in a steady state, in which one side waits for the other; 40 s at
         most."""
         began = None
         ratio, steps = self._limiter.samples_per_insert, self.config.stream.chunk_steps
@@ -164,17 +164,17 @@ class LocalRun(HostedRun):
                 return
 
     def await_tests(self) -> None:
-        """Wait until all evaluators play."""
+        """Waits until all evaluators play."""
         self._await(
             lambda stats: stats.role == "evaluator" and stats.steps > 0, self._setting.evaluators
         )
 
     def await_rest(self) -> None:
-        """Wait until training is over and all actors have left."""
+        """Waits until training is over and all actors have left."""
         self._await(lambda stats: stats.role == "actor" and stats.leaving, self._setting.actors)
 
     def _await(self, holds: Callable[[ActorStats], bool], count: int) -> None:
-        """Wait until a condition holds for ``count`` processes."""
+        """Waits until a condition holds for ``count`` processes."""
         while True:
             found = {stats.name for _, stats in tuple(self._heard) if holds(stats)}
             if len(found) == count:
@@ -183,7 +183,7 @@ class LocalRun(HostedRun):
             time.sleep(_POLL)
 
     def _mark(self) -> Mark:
-        """Wait until the next chunk is accepted; returns the run at that moment."""
+        """Waits until the next chunk is accepted; returns the run at that moment."""
         now, chunks = self.next_chunks()
         self._chunks += chunks
         return Mark(now, chunks[-1], _cpu_times(self.process.pid))
@@ -201,7 +201,7 @@ class LocalRun(HostedRun):
         return [(at, stats) for at, stats in tuple(self._heard) if begin <= at <= end]
 
     def measure(self, seconds: float) -> Pace:
-        """Measure for ``seconds``, and until the next chunk."""
+        """Measures for ``seconds``, and until the next chunk."""
         self._mark()  # takes the chunks that came before
         begin = self._mark()
         self._chunks.clear()

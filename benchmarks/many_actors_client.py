@@ -78,7 +78,7 @@ class Crowd:
         }
 
     def arrivals(self) -> list[float]:
-        """Wait until all actors have the weights, or no more come; returns the times in order."""
+        """Waits until all actors have the weights, or no more come; returns the times in order."""
         until, moments = time.monotonic() + _BROADCAST, []
         try:
             for _ in self._clients:

@@ -74,7 +74,7 @@ def prioritised(config: RunConfig) -> RunConfig:
 
 
 def fill(buffer: ReplayBuffer, chunks: Iterator[Chunk], capacity: int) -> int:
-    """Insert until the ring is full once; returns the number of steps that it took."""
+    """Inserts until the ring is full once; returns the number of steps that it took."""
     steps = 0
     while steps < capacity:
         chunk = next(chunks)

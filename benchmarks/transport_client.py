@@ -75,7 +75,7 @@ class Client:
         """Does nothing: its return tells that the process has joined."""
 
     def send(self, seconds: float, pace: float | None) -> dict[str, Any]:
-        """Encode and send chunks as fast as the window allows; returns the counts.
+        """Encodes and sends chunks as fast as the window allows; returns the counts.
 
         Args:
             pace: maximum steps per second; None for no limit.
@@ -106,7 +106,7 @@ class Client:
         return found | {name: getattr(outbox, name) for name in counted}
 
     def draw(self, seconds: float) -> dict[str, Any]:
-        """Draw batches one after the other; returns the counts.
+        """Draws batches one after the other; returns the counts.
 
         Megabytes are those of complete batches, as the learner uses them.
         """

@@ -70,7 +70,7 @@ def writing(path: Path) -> Iterator[None]:
 
 
 def exit_on_input_error(main: Callable[[], int | None]) -> None:
-    """Run ``main`` and exit with its status.
+    """Runs ``main`` and exits with its status.
 
     An `InputError` or `OSError` becomes one line on stderr, and an exit code of `EXIT_CODES`. A
     program whose output is no longer read, as before ``| head``, ends in silence.

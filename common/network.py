@@ -74,7 +74,7 @@ class QNetwork(nn.Module):
         self.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
 
     def _initialise(self, kind: InitialWeights) -> None:
-        """Draw the initial weights.
+        """Draws the initial weights.
 
         PyTorch's have a sixth of the variance of He's, so only a two-hundredth of the differences
         between pictures reaches the last layer, and as little of the errors reaches the first.

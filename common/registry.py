@@ -153,7 +153,7 @@ class Registry(Generic[T]):
         return sorted({*self._entries, *entry_points(group=self._group).names})
 
     def add(self, entry: T) -> None:
-        """Add ``entry``, or replace the entry of the same name."""
+        """Adds ``entry``, or replaces the entry of the same name."""
         self._entries[entry.name] = entry
 
     def find(self, name: str) -> T:

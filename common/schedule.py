@@ -22,9 +22,9 @@ class Every:
         return due
 
     def hasten(self) -> None:
-        """Make the work due at once, because it could not be done."""
+        """Makes the work due at once, because it could not be done."""
         self._next = -float("inf")
 
     def restart(self) -> None:
-        """Start a period now, because the work was just done."""
+        """Starts a period now, because the work was just done."""
         self._next = self._now() + self._seconds

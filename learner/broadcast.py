@@ -34,7 +34,7 @@ class Broadcast:
         return self._schedule.is_due()
 
     def send(self, updates: int) -> None:
-        """Send the present weights, which ``updates`` updates have made."""
+        """Sends the present weights, which ``updates`` updates have made."""
         weights = encode_weights(self.algorithm.published)
         signature = self.sign("training", updates, self.run_id, weights)
         self.publish(weights, encode_version(updates, self.run_id, signature))

@@ -70,7 +70,7 @@ class ReplayOptions(RunOptions):
 
 
 def main() -> int | None:
-    """Serve until Ctrl-C or SIGTERM."""
+    """Serves until Ctrl-C or SIGTERM."""
     options, _ = parse_run(
         ReplayOptions,
         "replay",

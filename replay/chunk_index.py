@@ -57,7 +57,7 @@ class Received:
         )
 
     def add(self, sequence: int) -> None:
-        """Add ``sequence``, which has not been received yet."""
+        """Adds ``sequence``, which has not been received yet."""
         if sequence > self.highest:
             if sequence > self.highest + 1:
                 self.gaps.append([self.highest + 1, sequence - 1])
@@ -139,7 +139,7 @@ class ChunkIndex:
         return found
 
     def accept(self, key: ChunkKey, place: Placement, statistics: ChunkStatistics) -> None:
-        """Add a chunk whose rows have been written."""
+        """Adds a chunk whose rows have been written."""
         received = self._received.pop(key[:3], None) or Received()
         received.add(key.sequence)
         self._received[key[:3]] = received
@@ -162,7 +162,7 @@ class ChunkIndex:
         self.head = max(self.head, place.end)
 
     def evict(self, tail: int) -> list[ChunkKey]:
-        """Remove the chunks that lie below ``tail``; returns their keys."""
+        """Removes the chunks that lie below ``tail``; returns their keys."""
         below = takewhile(lambda chunk: chunk[1].base < tail, self.chunks.items())
         gone = [key for key, _ in below]
         self.stored -= sum(self.chunks.pop(key).steps for key in gone)
@@ -171,7 +171,7 @@ class ChunkIndex:
         return gone
 
     def drop(self, key: ChunkKey) -> None:
-        """Remove a chunk whose rows are damaged."""
+        """Removes a chunk whose rows are damaged."""
         self.stored -= self.chunks.pop(key).steps
 
     def statistics_since(self, index: int) -> tuple[ChunkStatistics, ...]:
@@ -207,7 +207,7 @@ class ChunkIndex:
         return {"kind": "counts", "duplicates": self.duplicates, "refused": self.refused}
 
     def apply(self, entry: Entry) -> None:
-        """Apply a journal entry. Raises KeyError, TypeError or ValueError if it is not valid."""
+        """Applies a journal entry. Raises KeyError, TypeError or ValueError if it is not valid."""
         kind = entry["kind"]
         if kind == "state":
             told = {"head": entry["tail"], **entry}  # former journals have no head

@@ -72,7 +72,7 @@ class Film(Played):
         check_movie(self._video_of(run), self.seconds or _CHAPTER, len(chapters))
 
     def run(self, stop: threading.Event) -> None:
-        """Film until the end, or until ``stop``. Raises InputError if the film cannot be
+        """Films until the end, or until ``stop``. Raises InputError if the film cannot be
         written."""
         if (run := self._run) is None:
             self._play().run(stop)

@@ -48,7 +48,7 @@ class AtariEnv(GameEnv):
         training: bool = False,
         render_mode: str | None = None,
     ) -> None:
-        """Power the console on.
+        """Powers the console on.
 
         Args:
             randomise: ranges from which each game's conditions are drawn.
@@ -83,7 +83,7 @@ class AtariEnv(GameEnv):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Begin an episode, whose first state repeats its first frame."""
+        """Begins an episode, whose first state repeats its first frame."""
         if self._begin_episode(seed, options):
             play, camera = self.conditions
             self._world.begin_game(play, self.np_random)
@@ -96,7 +96,7 @@ class AtariEnv(GameEnv):
         return self._observation(), StepInfo(*self._game.standing, elapsed=0)._asdict()
 
     def step(self, action: np.int64 | int) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Hold the action for one agent step."""
+        """Holds the action for one agent step."""
         self._world.command(self._game.action(action))
         done = self._world.finish_agent_step()
         self._frames.push(self._frame(1))

@@ -30,16 +30,16 @@ class Clock(Protocol):
     """Number of frames so far that began more than a frame too late."""
 
     def start(self) -> None:
-        """Let time pass, because an episode begins."""
+        """Lets time pass, because an episode begins."""
 
     def stop(self) -> None:
-        """Let no time pass until the next `start`."""
+        """Lets no time pass until the next `start`."""
 
     def still(self) -> AbstractContextManager[object]:
         """Returns a context in which the world stands still, so that it can be looked at."""
 
     def command(self, action: int) -> list[AgentStep]:
-        """Give a command; returns the agent steps that passed before it because it came late."""
+        """Gives a command; returns the agent steps that passed before it because it came late."""
 
     def pass_agent_step(self) -> list[AgentStep]:
         """Returns the next agent step, or all of them up to now if several have passed.
@@ -48,7 +48,7 @@ class Clock(Protocol):
         """
 
     def close(self) -> None:
-        """Stop for good; closing twice does no harm."""
+        """Stops for good; closing twice does no harm."""
 
 
 class Lockstep:
@@ -84,7 +84,7 @@ class Deadlines:
         self._due = now()
 
     def restart(self) -> None:
-        """Let the next frame be due one period from now."""
+        """Lets the next frame be due one period from now."""
         self._due = self._now() + self._period
 
     def delay(self) -> float:
@@ -92,7 +92,7 @@ class Deadlines:
         return self._due - self._now()
 
     def meet(self) -> bool:
-        """Begin the frame that is due; returns whether it is more than a whole frame late."""
+        """Begins the frame that is due; returns whether it is more than a whole frame late."""
         late = self._now() - self._due > self._period
         self._due += self._period
         return late
@@ -196,7 +196,7 @@ class RealTime:
                 self._changed.notify_all()
 
     def _turn(self) -> None:
-        """Wait for the next frame, or pass it if it is due."""
+        """Waits for the next frame, or passes it if it is due."""
         if not self._running or len(self._passed) >= MOST_MISSED:
             self._wait(self._changed, None)
             return

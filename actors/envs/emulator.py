@@ -54,13 +54,13 @@ class Emulator:
         """Numbers of the actions that the game tells apart."""
 
     def reset(self) -> None:
-        """Begin a new game; the console stays on."""
+        """Begins a new game; the console stays on."""
         self._ale.reset_game()
         self._remember()
         self._first_frame = self._ale.getEpisodeFrameNumber()
 
     def act(self, action: int) -> float:
-        """Hold one of the 18 actions for an emulator frame; returns the points that it made.
+        """Holds one of the 18 actions for an emulator frame; returns the points that it made.
 
         After game over it does nothing and returns 0.
         """
@@ -70,7 +70,7 @@ class Emulator:
         return float(self._ale.act(action))
 
     def _remember(self) -> None:
-        """Keep the present field as the one before."""
+        """Keeps the present field as the one before."""
         self._before = self._ale.getScreen()
         if self._european:
             self._before_rgb = self._ale.getScreenRGB()

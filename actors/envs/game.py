@@ -35,7 +35,7 @@ class AtariGame:
         training: bool,
         random_start: bool = True,
     ) -> None:
-        """Power the console on.
+        """Powers the console on.
 
         Args:
             randomise: ranges from which each game's conditions are drawn.
@@ -68,7 +68,7 @@ class AtariGame:
         self._carries_on = False
 
     def begin_episode(self, rng: Generator, *, seeded: bool, options: Mapping[str, Any]) -> bool:
-        """Continue the game after a lost life, or start a new one; returns whether it is new.
+        """Continues the game after a lost life, or starts a new one; returns whether it is new.
 
         Args:
             rng: Draws the conditions and the random start of a new game.
@@ -89,7 +89,7 @@ class AtariGame:
         return new
 
     def start_anew(self, rng: Generator, *, power_on: bool = False) -> None:
-        """Start a new game under the present conditions."""
+        """Starts a new game under the present conditions."""
         sticky = self.conditions.play.sticky
         if power_on or not self._used or sticky != self.emulator.sticky:
             # Without sticky actions nothing is drawn, so that such games stay as they were.
@@ -110,12 +110,12 @@ class AtariGame:
         self.carry_on()
 
     def carry_on(self) -> None:
-        """Begin an episode with the lives that are left."""
+        """Begins an episode with the lives that are left."""
         self.over = self._carries_on = self._life_lost = False
         self._lives = self.emulator.lives
 
     def hold(self, action: int) -> float:
-        """Hold one of the 18 actions for an emulator frame; returns the points that it made.
+        """Holds one of the 18 actions for an emulator frame; returns the points that it made.
 
         After game over it does nothing and returns 0.
         """
@@ -127,7 +127,7 @@ class AtariGame:
         return points
 
     def end_agent_step(self) -> tuple[bool, bool]:
-        """Count an agent step; returns whether it terminated, or truncated, the episode."""
+        """Counts an agent step; returns whether it terminated, or truncated, the episode."""
         self.steps += 1
         limit = self._play.max_game_frames
         ended = self.emulator.game_over

@@ -84,7 +84,7 @@ class GameEnv(ShownEnv[Observation, np.int64]):
         return self._world.pressed
 
     def _begin_episode(self, seed: int | None, options: dict[str, Any] | None) -> bool:
-        """Begin an episode with the arguments of ``reset``; returns whether its game is new."""
+        """Begins an episode with the arguments of ``reset``; returns whether its game is new."""
         super().reset(seed=seed)
         seeded = seed is not None
         return self._game.begin_episode(self.np_random, seeded=seeded, options=options or {})
@@ -92,7 +92,7 @@ class GameEnv(ShownEnv[Observation, np.int64]):
     def _time_eye(
         self, look: Callable[[NDArray[np.uint8]], NDArray[np.uint8]], screen: NDArray[np.uint8]
     ) -> None:
-        """With ``play.equal_latency``, time the eye, so that hands and eye are equally late.
+        """With ``play.equal_latency``, times the eye, so that hands and eye are equally late.
 
         The arguments are those of `eye_latency`.
         """

@@ -38,7 +38,7 @@ class _Latency:
         ends with its keys; 0 before the first change."""
 
     def vote(self, changed: int, wanted: list[int]) -> None:
-        """Vote for the age, in frames, of each command that asked for one of the ``changed`` keys.
+        """Votes for the age, in frames, of each command that asked for one of the ``changed`` keys.
 
         ``wanted`` holds the commanded keys of each past frame.
         """
@@ -61,23 +61,23 @@ class KeyForecast:
     """
 
     def __init__(self, frames: int) -> None:
-        """Forecast ``frames`` emulator frames at a time."""
+        """Forecasts ``frames`` emulator frames at a time."""
         self._ahead = range(1, frames + 1)
         self.restart()
 
     def restart(self) -> None:
-        """Forget everything: other hands may play now, and they are at rest."""
+        """Forgets everything: other hands may play now, and they are at rest."""
         self._wanted, self._felt = 0, 0
         self._past: deque[int] = deque([0] * (LONGEST + 1), maxlen=LONGEST + 1)
         """The keys that were commanded in each of the last frames."""
         self._release, self._press = _Latency(), _Latency()
 
     def command(self, keys: Keys) -> None:
-        """Note that the hands are to hold ``keys`` from the next frame on."""
+        """Notes that the hands are to hold ``keys`` from the next frame on."""
         self._wanted = int(keys)
 
     def feel(self, pressed: Keys) -> None:
-        """Note that the keys ``pressed`` are held at the end of one more frame."""
+        """Notes that the keys ``pressed`` are held at the end of one more frame."""
         self._past.append(self._wanted)
         felt, before = int(pressed), self._felt
         if felt == before:

@@ -27,7 +27,7 @@ class KeyWatch:
         self.restart()
 
     def restart(self) -> None:
-        """Forget everything: the hands are at rest without a command."""
+        """Forgets everything: the hands are at rest without a command."""
         self._found.clear()
         self._frame = 0
         self._given: deque[int] = deque()
@@ -39,14 +39,14 @@ class KeyWatch:
         self._releasing = self._pressing = False
 
     def give(self, ago: int = 0) -> None:
-        """Note that a command was given ``ago`` emulator frames ago.
+        """Notes that a command was given ``ago`` emulator frames ago.
 
         Commands reach the hands in the order in which they are given.
         """
         self._given.append(self._frame - ago)
 
     def command(self, keys: Keys, held: Keys) -> None:
-        """Note that the oldest command on its way reaches the hands.
+        """Notes that the oldest command on its way reaches the hands.
 
         They are to hold ``keys`` and now hold ``held``. The same keys once more are not a new
         command: the first one is still watched.
@@ -61,7 +61,7 @@ class KeyWatch:
         self._pressing = wanted & ~pressed != 0
 
     def frame(self, felt: Keys) -> None:
-        """Note that the keys ``felt`` are pressed at the end of one more frame."""
+        """Notes that the keys ``felt`` are pressed at the end of one more frame."""
         self._frame += 1
         if not (self._releasing or self._pressing):
             return
@@ -80,7 +80,7 @@ class KeyWatch:
             self.give_up()
 
     def give_up(self) -> None:
-        """Stop watching the present command: its time is over, or another command came."""
+        """Stops watching the present command: its time is over, or another command came."""
         if self._tried:  # otherwise its effect could not be seen
             if self._releasing:
                 self._note("release", False)

@@ -54,8 +54,8 @@ class LatencyEqualiser:
         self._forget()
 
     def time(self, keys: Keys) -> None:
-        """Find out how long the hands take to release and to press each of ``keys``; let them rest
-        afterwards."""
+        """Finds out how long the hands take to release and to press each of ``keys``; lets them
+        rest afterwards."""
         keys_by_latency: dict[HandLatency, int] = {}
         for key, (release, *presses) in key_latencies(self._hands, keys, self._give).items():
             # A command that pressed a key sooner than it releases another would take two.

@@ -48,11 +48,11 @@ class FrameStack:
         """``uint8 [frame_stack, 84, 84]``, newest last."""
 
     def restart(self, frame: NDArray[np.uint8]) -> None:
-        """Begin an episode, whose first state repeats its first frame."""
+        """Begins an episode, whose first state repeats its first frame."""
         self.state = np.repeat(frame[None], len(self.state), axis=0)
 
     def push(self, frame: NDArray[np.uint8]) -> None:
-        """Take a new frame for the oldest one."""
+        """Takes a new frame for the oldest one."""
         state = np.empty_like(self.state)
         state[:-1] = self.state[1:]
         state[-1] = frame

@@ -33,14 +33,14 @@ class Proprioception:
         self._forecast = KeyForecast(play.vector_forecast) if play.vector_forecast else None
 
     def forget(self) -> None:
-        """Return to the state before the first command, with no key pressed."""
+        """Returns to the state before the first command, with no key pressed."""
         self._now[:] = 0.0
         self._felt[:] = 0.0
         if self._forecast is not None:
             self._forecast.restart()
 
     def command(self, action: int) -> None:
-        """Remember a command, one of ALE's 18 actions."""
+        """Remembers a command, one of ALE's 18 actions."""
         self._commands[:-ACTIONS] = self._commands[ACTIONS:].copy()
         self._commands[-ACTIONS:] = 0.0
         self._commands[action - ACTIONS] = 1.0
@@ -48,7 +48,7 @@ class Proprioception:
             self._forecast.command(KEYS_OF_ACTION[action])
 
     def feel(self, pressed: Keys) -> None:
-        """Remember the keys pressed at the end of one emulator frame."""
+        """Remembers the keys pressed at the end of one emulator frame."""
         self._felt[:-1] = self._felt[1:]
         self._felt[-1] = FLAGS[pressed]
         if self._forecast is not None:

@@ -57,7 +57,7 @@ class RobotEnv(GameEnv):
         clip_rewards: bool = False,
         render_mode: str | None = None,
     ) -> None:
-        """Sit ``play.robot`` down at its desk.
+        """Sits ``play.robot`` down at its desk.
 
         Args:
             randomise: ranges from which each game's conditions are drawn.
@@ -122,7 +122,7 @@ class RobotEnv(GameEnv):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Begin an episode, whose first state repeats the first frame that is seen.
+        """Begins an episode, whose first state repeats the first frame that is seen.
 
         A new game begins with the hands at rest and up to ``play.random_starts`` random agent
         steps. A game that continues after a lost life leaves everything as it is. Even in real
@@ -147,7 +147,7 @@ class RobotEnv(GameEnv):
         return observation, info
 
     def step(self, action: np.int64 | int) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Send the hands to the action's keys, and let time pass."""
+        """Sends the hands to the action's keys, and lets time pass."""
         # Time passes only while the clock waits, so that all that is told is of the step's end.
         with self.still():
             agent_steps = self._clock.command(self._game.action(action))
@@ -186,7 +186,7 @@ class RobotEnv(GameEnv):
             return self.robot.view(screen, width, height, viewpoint, moved=moved)
 
     def close(self) -> None:
-        """End the clock and the physics."""
+        """Ends the clock and the physics."""
         self._clock.close()
         self.robot.close()
 
@@ -229,7 +229,7 @@ class RobotEnv(GameEnv):
         return camera.latency > 0 or camera.dropped > 0
 
     def _photograph(self, agent_steps: int) -> None:
-        """Take a picture; ``agent_steps`` have passed since the last time."""
+        """Takes a picture; ``agent_steps`` have passed since the last time."""
         self._unseen += agent_steps
         # Drawing takes a tenth of an agent step, so it is skipped where only a person might look.
         looks = self._play.eye == "camera" or self._needs_each_picture

@@ -59,7 +59,7 @@ class World:
         joints: int = 0,
         posture: Callable[[], tuple[NDArray[np.float64], ...]] = tuple,
     ) -> None:
-        """Take the hands that ``play`` asks for, at rest.
+        """Takes the hands that ``play`` asks for, at rest.
 
         Args:
             arms: the robot, or a latency model; None if there is neither.
@@ -88,7 +88,7 @@ class World:
         return self._sense.vector(*self._posture())
 
     def begin_game(self, play: PlayConfig, rng: Generator) -> None:
-        """Take the hands that ``play`` asks for, and `restart` for a new game."""
+        """Takes the hands that ``play`` asks for, and calls `restart` for a new game."""
         self._take_hands(play, rng)
         self.see_late(0)
         if self._equaliser is not None:
@@ -96,7 +96,7 @@ class World:
         self.restart()
 
     def see_late(self, frames: int) -> None:
-        """Set the latency of the eye's pictures, in emulator frames.
+        """Sets the latency of the eye's pictures, in emulator frames.
 
         The observed keys are made as late, so that both are of one moment.
         """
@@ -106,7 +106,7 @@ class World:
             self._sense.seen_late = frames
 
     def restart(self) -> None:
-        """Put the hands at rest and forget everything, because a game begins."""
+        """Puts the hands at rest and forgets everything, because a game begins."""
         self._hands.rest()
         self.wanted = self.pressed = Keys.NONE
         self._frames, self._points = 0, 0.0
@@ -114,7 +114,7 @@ class World:
             self._sense.forget()
 
     def command(self, action: int) -> None:
-        """Send the hands to the keys of one of the 18 actions."""
+        """Sends the hands to the keys of one of the 18 actions."""
         self.wanted = KEYS_OF_ACTION[action]
         if self._equaliser is None:  # an equaliser itself reports the commands that it gives
             self.key_watch.give()
@@ -123,7 +123,7 @@ class World:
             self._sense.command(action)
 
     def frame(self) -> AgentStep | None:
-        """Pass one emulator frame (1/60 s); returns the agent step that it completes, if any."""
+        """Passes one emulator frame (1/60 s); returns the agent step that it completes, if any."""
         if self._play.read_keys == "decision" and self._frames == 0:
             self.pressed = self._hands.held
         felt = self._hands.step_frame()
@@ -142,7 +142,7 @@ class World:
         return agent_step
 
     def finish_agent_step(self) -> AgentStep:
-        """Pass the remaining frames of the agent step, and return it."""
+        """Passes the remaining frames of the agent step, and returns it."""
         while (agent_step := self.frame()) is None:
             pass
         return agent_step

@@ -25,10 +25,10 @@ class Hands(Protocol):
         """The keys that were pressed at the end of the last frame."""
 
     def rest(self) -> None:
-        """Take every hand off the keys and drop all commands, whatever happened before."""
+        """Takes every hand off the keys and drops all commands, whatever happened before."""
 
     def command(self, keys: Keys) -> None:
-        """Set out to hold exactly ``keys`` down."""
+        """Sets out to hold exactly ``keys`` down."""
 
     def step_frame(self) -> Keys:
         """Pass one emulator frame (1/60 s); returns the keys that are pressed at its end."""
@@ -41,7 +41,7 @@ class Robot(Hands, Protocol):
     """
 
     def begin_game(self, conditions: Conditions, rng: Generator) -> None:
-        """Set hands and eye as ``conditions`` say, before a game begins with `rest`.
+        """Sets hands and eye as ``conditions`` say, before a game begins with `rest`.
 
         Args:
             rng: the game's generator; it seeds what changes within the game, such as noise.
@@ -84,4 +84,4 @@ class Robot(Hands, Protocol):
         """
 
     def close(self) -> None:
-        """Release what the robot holds; closing twice does no harm."""
+        """Releases what the robot holds; closing twice does no harm."""

@@ -23,7 +23,7 @@ class Heartbeat:
         self._end = repeat("heartbeat", PERIOD, lambda _: self._publish(leaving=False))
 
     def close(self) -> None:
-        """Publish the last counters and end the presence."""
+        """Publishes the last counters and ends the presence."""
         self._end()
         time.sleep(2 / MOST_HEARTBEATS)  # a heartbeat may have been sent just now
         self._publish(leaving=True)

@@ -46,12 +46,12 @@ class InsertClient:
         return self._inserts.sent_again
 
     def post(self, payload: bytes) -> None:
-        """Send one encoded chunk without waiting for room."""
+        """Sends one encoded chunk without waiting for room."""
         self.made += 1
         self._inserts.send(payload)
 
     def send(self, payload: bytes) -> None:
-        """Send one encoded chunk, and wait until the window has room for the next.
+        """Sends one encoded chunk, and waits until the window has room for the next.
 
         Raises:
             InputError: there was no hub for longer than the patience.
@@ -62,7 +62,7 @@ class InsertClient:
             self._inserts.wait(self.window - 1, _PAUSE)
 
     def flush(self, seconds: float) -> None:
-        """Wait until everything is acknowledged: at most this long, and less if the hub is away."""
+        """Waits until everything is acknowledged: at most so long, and less if the hub is away."""
         seen = time.monotonic()
         ends = seen + seconds
         while self.unacknowledged:
@@ -74,7 +74,7 @@ class InsertClient:
             self._inserts.wait(0, min(_PAUSE, ends - now))
 
     def poll(self) -> Ack | None:
-        """Ask whether to go on; returns the answer, None if none came.
+        """Asks whether to go on; returns the answer, None if none came.
 
         The replay answers once the learner has caught up, at the latest after 1 s.
 
@@ -104,7 +104,7 @@ class InsertClient:
         self._absence.lasts(now - self._missed_since)
 
     def _settle(self, outcome: Envelope | MessageError) -> None:
-        """Count a chunk that is stored, or refused for good."""
+        """Counts a chunk that is stored, or refused for good."""
         try:
             if isinstance(outcome, MessageError):
                 raise outcome

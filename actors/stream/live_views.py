@@ -62,7 +62,7 @@ class LiveViews:
         return bool(self._waiting)
 
     def show(self, step: Step) -> None:
-        """Answer one request for the environment of ``step``, which was just played."""
+        """Answers one request for the environment of ``step``, which was just played."""
         if not self._waiting or (began := time.monotonic()) < self._next:
             return
         for _ in range(len(self._waiting)):

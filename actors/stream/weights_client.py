@@ -35,7 +35,7 @@ class WeightsClient:
         return self._latest.pop() if self._latest else None
 
     def fetch(self) -> None:
-        """Request the latest weights, since broadcasts may be dropped, but not too often."""
+        """Requests the latest weights, since broadcasts may be dropped, but not too often."""
         if time.monotonic() - self._asked < _FETCH_PERIOD:
             return
         self._asked = time.monotonic()

@@ -78,7 +78,7 @@ class ScreenDetector:
         self._corners: NDArray[np.float32] | None = None
 
     def detect(self, image: NDArray[np.uint8]) -> Detection:
-        """Detect the game in an RGB picture, ``uint8 [height, width, 3]``, always of the same
+        """Detects the game in an RGB picture, ``uint8 [height, width, 3]``, always of the same
         size."""
         if self._distortion > 0 and self._lens is None:
             self._lens = Lens(self._distortion, (image.shape[1], image.shape[0]))
@@ -96,7 +96,7 @@ class ScreenDetector:
         return Detection(self._screen.unwarp(windowed), found, self._corners)
 
     def _search(self, view: PinholeView) -> bool:
-        """Find the screen or confirm its last place; returns whether either succeeded."""
+        """Finds the screen or confirms its last place; returns whether either succeeded."""
         black, light = _levels(view.as_taken)
         if light - black < _MIN_CONTRAST:
             return False

@@ -40,11 +40,11 @@ class Certificates:
         return self._folder / name
 
     def expire(self, name: str) -> None:
-        """Replace a process's certificate by one that was valid until yesterday."""
+        """Replaces a process's certificate by one that was valid until yesterday."""
         self._put(self._expired, name)
 
     def renew(self, name: str) -> None:
-        """Replace a process's certificate by a valid one."""
+        """Replaces a process's certificate by a valid one."""
         self._put(self._valid, name)
 
     def _put(self, source: Path, name: str) -> None:

@@ -76,7 +76,7 @@ class Clocks:
         return ("benchmarks.chaos.clock", str(self._library), str(self._file(name)))
 
     def set(self, name: str, seconds: int) -> None:
-        """Set a clock this many seconds ahead, or behind if negative."""
+        """Sets a clock this many seconds ahead, or behind if negative."""
         with os.fdopen(os.open(self._file(name), os.O_WRONLY | os.O_CREAT), "wb") as file:
             file.write(seconds.to_bytes(8, sys.byteorder, signed=True))  # a C long, in its place
 

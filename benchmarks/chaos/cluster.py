@@ -167,7 +167,7 @@ class Cluster:
         return ("--connect", self.address(name), "--patience", _AWAY, *shown)
 
     def start(self, name: str) -> None:
-        """Start a process; one that ran before continues from what it left."""
+        """Starts a process; one that ran before continues from what it left."""
         count = self.starts[name] = self.starts.get(name, 0) + 1
         again = () if count == 1 else ("--resume",)
         run = ("--run", RUN, "--runs", str(self.disk.folder), *again, *self._flags)
@@ -194,7 +194,7 @@ class Cluster:
         return ("benchmarks.chaos.witness", file, *place, "--name", name)
 
     def double(self, name: str) -> Child:
-        """Start another actor under the name of a present one; returns it when it plays."""
+        """Starts another actor under the name of a present one; returns it when it plays."""
         log = self.log(f"{name}-double")
         log.touch()
         said = log.stat().st_size
@@ -206,17 +206,17 @@ class Cluster:
         return double
 
     def old_actor(self, name: str) -> subprocess.Popen[str]:
-        """Start an actor of a former version beside one of this version."""
+        """Starts an actor of a former version beside one of this version."""
         return self.old_version.start(*self._place(name), "--run", RUN, "--name", f"old-{name}")
 
     def kill(self, name: str) -> None:
-        """End a process by SIGKILL and start it again at once, as a supervisor would."""
+        """Ends a process by SIGKILL and starts it again at once, as a supervisor would."""
         self.processes[name].kill()
         self.processes[name].wait()
         self.start(name)
 
     def pause(self, name: str) -> Callable[[], None]:
-        """Stop a process; returns a function that lets it go on."""
+        """Stops a process; returns a function that lets it go on."""
         process = self.processes[name]
 
         def send(number: signal.Signals) -> None:
@@ -227,7 +227,7 @@ class Cluster:
         return lambda: send(signal.SIGCONT)
 
     def rejoin(self, name: str) -> None:
-        """Ask an actor to leave, and start another in its place."""
+        """Asks an actor to leave, and starts another in its place."""
         self._end(name)
         self.start(name)
 
@@ -252,7 +252,7 @@ class Cluster:
             raise process.failure(name)
 
     def look(self) -> None:
-        """Notice processes that ended by themselves, and start them again."""
+        """Notices processes that ended by themselves, and starts them again."""
         for name, process in list(self.processes.items()):
             status = process.poll()
             if status is None:
@@ -285,7 +285,7 @@ class Cluster:
     def recovery(
         self, patience: float, besides: str | None = None, *, struck: str | None = None
     ) -> float | None:
-        """Wait until all processes work again, or the run is finished.
+        """Waits until all processes work again, or the run is finished.
 
         They do when each actor's next chunk is stored, new weights have come and a test is over.
 
@@ -315,7 +315,7 @@ class Cluster:
         return None
 
     def conclude(self) -> None:
-        """End all processes: first the actors, which hand in their last chunks, last the replay.
+        """Ends all processes: first the actors, which hand in their last chunks, last the replay.
 
         Raises:
             InputError: a process did not end well.

@@ -47,7 +47,7 @@ class Disk:
             kept.rename(self.folder)
 
     def fill(self) -> Callable[[], None]:
-        """Take all the room that is left; returns a function that frees it."""
+        """Takes all the room that is left; returns a function that frees it."""
         size, more = 0, 2**30
         with self._ballast.open("wb") as file:
             while more >= _LEAST:
@@ -59,7 +59,7 @@ class Disk:
         return self._ballast.unlink
 
     def crowd(self) -> Callable[[], None]:
-        """Create files until no more can be created, although there is room left in the present
+        """Creates files until no more can be created, although there is room left in the present
         ones; returns a function that removes them."""
         crowd = self.folder / "crowd"
         crowd.mkdir()
@@ -69,7 +69,7 @@ class Disk:
         return partial(shutil.rmtree, crowd)
 
     def forbid(self) -> Callable[[], None]:
-        """Let no file be created, changed or removed by its name; open files stay open.
+        """Lets no file be created, changed or removed by its name; open files stay open.
 
         Returns a function that allows it again.
         """

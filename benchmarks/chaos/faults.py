@@ -55,7 +55,7 @@ def _delay(cluster: Cluster, name: str, draw: random.Random) -> End:
 
 
 def _lose(cluster: Cluster, name: str, draw: random.Random) -> End:
-    """Lose some pieces, and some that are sent again; TCP waits twice as long each time."""
+    """Loses some pieces, and some that are sent again; TCP waits twice as long each time."""
     share, losses = draw.uniform(0.02, 0.3), random.Random(draw.random())
 
     def delay() -> float:
@@ -72,7 +72,7 @@ def _flip(cluster: Cluster, name: str, draw: random.Random) -> End:
 
 
 def _junk(cluster: Cluster, name: str, draw: random.Random) -> None:
-    """Send malformed chunks to the replay in an actor's name; each must be refused."""
+    """Sends malformed chunks to the replay in an actor's name; each must be refused."""
     keys, _ = find_run(cluster.transport, None, 60.0, lambda: False)
     requester = cluster.transport.requester(keys.insert(name), 10.0)
     for _ in range(_JUNK):
@@ -88,7 +88,7 @@ def _jump(cluster: Cluster, name: str, draw: random.Random) -> End:
 
 
 def _expire(cluster: Cluster, name: str, _: random.Random) -> End:
-    """Let a certificate expire: its process must be refused, and the others keep working."""
+    """Lets a certificate expire: its process must be refused, and the others keep working."""
     cluster.certificates.expire(name)
     if name == HUB:
         cluster.kill(name)  # a process reads its own certificate only at its start
@@ -119,7 +119,7 @@ def _expire(cluster: Cluster, name: str, _: random.Random) -> End:
 
 
 def _old(cluster: Cluster, name: str, __: random.Random) -> None:
-    """Start an actor of a former version: it must be refused with an explanation."""
+    """Starts an actor of a former version: it must be refused with an explanation."""
     process = cluster.old_actor(name)
     said, _ = process.communicate(timeout=PATIENCE)
     if process.returncode != BAD_INPUT or "the hub does not speak this version's" not in said:

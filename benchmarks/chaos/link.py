@@ -51,12 +51,12 @@ class Link:
         self.reset()
 
     def cut(self) -> Callable[[], None]:
-        """Let nothing arrive any more; returns a function that mends the link."""
+        """Lets nothing arrive any more; returns a function that mends the link."""
         self._whole.clear()
         return self.mend
 
     def forget(self) -> None:
-        """Let nothing arrive on present connections, which stay open; new connections work.
+        """Lets nothing arrive on present connections, which stay open; new connections work.
 
         A router that restarted and forgot its connections does the same.
         """
@@ -66,12 +66,12 @@ class Link:
         self._whole.set()
 
     def mend(self) -> None:
-        """Let everything arrive again, unchanged and without delay."""
+        """Lets everything arrive again, unchanged and without delay."""
         self.delay = self.flips = None
         self._whole.set()
 
     def reset(self) -> None:
-        """Close all connections on both sides; they may connect again."""
+        """Closes all connections on both sides; they may connect again."""
         sockets, self._sockets = self._sockets, []
         for each in sockets:
             with suppress(OSError):

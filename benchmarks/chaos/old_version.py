@@ -31,7 +31,7 @@ class OldVersion:
         return missing
 
     def start(self, *arguments: str) -> subprocess.Popen[str]:
-        """Start one of its actors; its messages go to its standard output."""
+        """Starts one of its actors; its messages go to its standard output."""
         return subprocess.Popen(
             [sys.executable, "-m", "actors", *arguments],
             cwd=self._folder,

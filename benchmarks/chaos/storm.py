@@ -34,7 +34,7 @@ class Storm:
         self._deck: list[str] = []
 
     def strike(self) -> None:
-        """Strike with one fault, and wait until everything works again.
+        """Strikes with one fault, and waits until everything works again.
 
         A fault during which the run reaches its goal does not count.
 

@@ -110,7 +110,7 @@ class _Terminal:
                 self._written = (self._written + part)[-4_000_000:]
 
     def wait(self, seconds: float) -> None:
-        """Wait for ``seconds``; raises InputError if the program ends before."""
+        """Waits for ``seconds``; raises InputError if the program ends before."""
         end = time.monotonic() + seconds
         with contextlib.suppress(subprocess.TimeoutExpired):
             self._process.wait(max(end - time.monotonic(), 0.0))

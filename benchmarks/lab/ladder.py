@@ -100,7 +100,7 @@ class Options:
 
 
 def climb(options: Options, seed: int) -> dict[str, Any]:
-    """Train and evaluate one run; returns its row."""
+    """Trains and evaluates one run; returns its row."""
     folder = RunFolder(options.runs, options.run_name(seed))
     summary = train(folder, options.steps, options.flags(seed))
     results = options.output.parent

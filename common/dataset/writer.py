@@ -87,7 +87,7 @@ class DatasetWriter:
     def add(
         self, rows: Mapping[str, NDArray[Any]], pictures: Sequence[NDArray[np.uint8]] = ()
     ) -> None:
-        """Add an episode; its video, if it has one, must be complete at `video`. Raises OSError if
+        """Adds an episode; its video, if it has one, must be complete at `video`. Raises OSError if
         the episode cannot be written; earlier episodes stay complete.
 
         Args:

@@ -15,7 +15,7 @@ _MOST_KEPT = 512 * 1024 * 1024
 
 
 def keep_large_blocks() -> bool:
-    """Keep freed blocks of up to 32 MiB in this process, 512 MiB in all, for later allocations.
+    """Keeps freed blocks of up to 32 MiB in this process, 512 MiB in all, for later allocations.
 
     A process that handles minibatches or chunks calls it before the first one. Returns False if the
     C library has no such setting; everything works then, but perhaps more slowly.

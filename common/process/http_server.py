@@ -90,11 +90,11 @@ class HttpServer:
         self._thread = threading.Thread(target=self._serve, name=flag.strip("-"), daemon=True)
 
     def start(self) -> None:
-        """Begin to answer requests, in a thread."""
+        """Begins to answer requests, in a thread."""
         self._thread.start()
 
     def close(self) -> None:
-        """Stop listening and answering; answers under way have some seconds to finish."""
+        """Stops listening and answering; answers under way have some seconds to finish."""
         self._server.should_exit = True
         if self._thread.is_alive():
             self._thread.join(2 * _FAREWELL)
@@ -119,7 +119,7 @@ class _Connection(H11Protocol):
             self.loop.call_later(_SLOWEST, self._look)
 
     def _look(self) -> None:
-        """Close the connection, unless there was a request since the last look, or one is being
+        """Closes the connection, unless there was a request since the last look, or one is being
         answered."""
         last, self._last = self._last, self.cycle
         if self.cycle is last and (last is None or last.response_complete):

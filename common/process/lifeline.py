@@ -17,7 +17,7 @@ GRACE = 4.0
 
 
 def leave_at_interrupt() -> None:
-    """End the process at once, with status 130 and no traceback, at a Ctrl-C before `on_signals`.
+    """Ends the process at once, with status 130 and no traceback, at a Ctrl-C before `on_signals`.
 
     Programs call it before all other imports, which take seconds and may fail in ways of their own
     when they are interrupted. The first process of a container also ends at SIGTERM, which Linux
@@ -30,7 +30,7 @@ def leave_at_interrupt() -> None:
 
 
 def on_signals(stop: threading.Event) -> None:
-    """Set ``stop`` at the first SIGINT, SIGTERM or SIGHUP; a later one ends the process at once.
+    """Sets ``stop`` at the first SIGINT, SIGTERM or SIGHUP; a later one ends the process at once.
 
     Signals that come together count as one, because `timeout` and some terminals send a signal both
     to the process and to its group. SIGHUP, from a terminal that closes, never ends the process at
@@ -89,7 +89,7 @@ def leave_on_leash() -> None:
 
 
 def leave_with_parent() -> None:
-    """Send this process SIGTERM when standard input ends, and end it if it does not end by itself.
+    """Sends this process SIGTERM when standard input ends, and ends it if it does not end itself.
 
     The parent holds the other end of that pipe. However the parent dies, even by kill -9, the
     system closes the pipe, so no orphan is left.

@@ -24,7 +24,7 @@ def has_reader(stream: TextIO) -> bool:
 
 
 def silence(stream: TextIO) -> None:
-    """Discard what is still buffered; otherwise the interpreter's last flush would fail."""
+    """Discards what is still buffered; otherwise the interpreter's last flush would fail."""
     try:
         nowhere = os.open(os.devnull, os.O_WRONLY)
         os.dup2(nowhere, stream.fileno())
@@ -34,7 +34,7 @@ def silence(stream: TextIO) -> None:
 
 
 def open_closed() -> None:
-    """Open the null device for each standard stream that was closed when this process began.
+    """Opens the null device for each standard stream that was closed when this process began.
 
     Python sets such streams to None. The next file to be opened would take the stream's number, and
     would receive what a library prints.
@@ -48,7 +48,7 @@ def open_closed() -> None:
 
 
 def escape(stream: TextIO) -> None:
-    """Let ``stream`` escape what it cannot encode, such as a file name that is not UTF-8."""
+    """Lets ``stream`` escape what it cannot encode, such as a file name that is not UTF-8."""
     if isinstance(stream, TextIOWrapper):
         stream.reconfigure(errors="backslashreplace")
 
@@ -60,7 +60,7 @@ def visible(text: str) -> str:
 
 
 def widen() -> None:
-    """Assume a usual width if the terminal reports next to no columns. With three columns a help
+    """Assumes a usual width if the terminal reports next to no columns. With three columns a help
     text never ends, and with none a table is empty."""
     told = os.environ.get("COLUMNS", "")
     columns = int(told) if told.isdecimal() else shutil.get_terminal_size().columns

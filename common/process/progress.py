@@ -63,7 +63,7 @@ class Progress(AbstractContextManager["Progress"]):
         self._schedule.restart()
 
     def update(self, done: float, *, total: float | None = None, note: str = "") -> None:
-        """Show that ``done`` of the total is done.
+        """Shows that ``done`` of the total is done.
 
         Args:
             total: a new total, if it has changed.

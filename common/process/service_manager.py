@@ -11,7 +11,7 @@ _ADDRESS = "NOTIFY_SOCKET"
 
 
 def tell(*assignments: str) -> None:
-    """Send ``READY=1``, ``STATUS=…``, ``WATCHDOG=1`` or ``STOPPING=1``."""
+    """Sends ``READY=1``, ``STATUS=…``, ``WATCHDOG=1`` or ``STOPPING=1``."""
     address = os.environ.get(_ADDRESS, "")
     if not address.startswith(("/", "@")):
         return
@@ -24,7 +24,7 @@ def tell(*assignments: str) -> None:
 
 
 def alive() -> None:
-    """Say that the process works, or waits for something that it cannot hasten."""
+    """Says that the process works, or waits for something that it cannot hasten."""
     tell("WATCHDOG=1")
 
 

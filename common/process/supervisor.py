@@ -111,14 +111,14 @@ class Child(subprocess.Popen[str]):
         return InputError(f"the {name} ended, and said: {self.last_line()}.")
 
     def ask_to_leave(self) -> None:
-        """Ask the child to end: close its leash, or send SIGTERM if it has none."""
+        """Asks the child to end: closes its leash, or sends SIGTERM if it has none."""
         if not self._leash:
             self.terminate()
         elif self.stdin is not None:
             self.stdin.close()
 
     def end(self, seconds: float = 30.0) -> None:
-        """Ask the child to end, kill it if it is still there after ``seconds``, and close its
+        """Asks the child to end, kills it if it is still there after ``seconds``, and closes its
         pipes."""
         self.ask_to_leave()
         try:
@@ -151,7 +151,7 @@ class Supervisor:
         self._leaving = False
 
     def watch(self, *, finished: Callable[[], bool]) -> list[str]:
-        """Restart children that have ended and paused; returns what happened, as sentences.
+        """Restarts children that have ended and paused; returns what happened, as sentences.
 
         The first restart is immediate; later ones come 1, 2, 4 … 60 s after the end. This method
         never waits: a restart happens at the first call after its pause. Raises InputError if a
@@ -216,14 +216,14 @@ class Supervisor:
         }
 
     def ask_to_leave(self) -> None:
-        """Ask all children to end; none is restarted."""
+        """Asks all children to end; none is restarted."""
         self._leaving = True
         self._due.clear()
         for child in self._children.values():
             child.ask_to_leave()
 
     def close(self) -> None:
-        """End all children: ask them, wait a little, kill the rest."""
+        """Ends all children: asks them, waits a little, kills the rest."""
         self.ask_to_leave()
         deadline = time.monotonic() + GRACE
         for child in self._children.values():

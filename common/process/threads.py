@@ -33,7 +33,7 @@ def repeat(
 
 @contextmanager
 def end_with_any_thread(stop: threading.Event) -> Iterator[None]:
-    """Set ``stop`` when a thread of this process dies of an exception, and raise the reason here.
+    """Sets ``stop`` when a thread of this process dies of an exception, and raises the reason here.
 
     A process that waits for a dead thread would wait for ever. Every thread counts, whatever
     started it, so that none can be forgotten. A thread that may end early catches the exceptions

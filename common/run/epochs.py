@@ -92,7 +92,7 @@ class EpochTable:
         self._path = path
 
     def append(self, row: EpochRow) -> None:
-        """Add ``row``; it is on the disk when this returns."""
+        """Adds ``row``; it is on the disk when this returns."""
         if not self._path.exists():
             write_atomically(self._path, _HEADER.encode())
         line = io.StringIO()
@@ -105,7 +105,7 @@ class EpochTable:
         return self._rows(self._lines())
 
     def keep(self, count: int) -> list[EpochRow]:
-        """Drop the rows after the first ``count``, atomically, and return those that stay.
+        """Drops the rows after the first ``count``, atomically, and returns those that stay.
 
         A resume calls this: the checkpoint knows how many rows there were, and the run writes later
         rows, of which a crash may have torn one, again. Raises InputError if there are fewer rows,

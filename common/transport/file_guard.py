@@ -34,7 +34,7 @@ class FileGuard:
         self._end = repeat("file-guard", _LOOK, self._look)
 
     def close(self) -> None:
-        """Stop counting."""
+        """Stops counting."""
         self._end()
         self._door.close()
 

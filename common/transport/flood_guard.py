@@ -69,7 +69,7 @@ class FloodGuard:
         """Stops watching."""
 
     def hear(self, name: str, address: Address, present: bool) -> None:
-        """Note a connection that begins, or has ended."""
+        """Notes a connection that begins, or has ended."""
         if name in self.trusted:
             return
         with self._lock:
@@ -83,7 +83,7 @@ class FloodGuard:
                 ignore_connections(self.port, {address})  # until a look ends it
 
     def look(self) -> None:
-        """Cut off names that have sent too much since the last look."""
+        """Cuts off names that have sent too much since the last look."""
         # Asking the kernel about 1,000 connections takes 40 ms or more.
         received = bytes_received(self.port) if self._names else {}
         with self._lock:

@@ -108,17 +108,17 @@ class Door:
             each.listen(most_waiting)
 
     def shut(self) -> None:
-        """Drop requests for connections; clients ask again a second later."""
+        """Drops requests for connections; clients ask again a second later."""
         for each in self._listening:
             _keep(each, 0)
 
     def open(self) -> None:
-        """Accept connections again."""
+        """Accepts connections again."""
         for each in self._listening:
             _keep_all(each)
 
     def close(self) -> None:
-        """Release the sockets."""
+        """Releases the sockets."""
         for each in self._listening:
             each.close()
 

@@ -40,13 +40,13 @@ class Request(Protocol):
         """What the client sent. Raises DamagedMessage if it was damaged on its way."""
 
     def reply(self, answer: bytes | Envelope) -> None:
-        """Answer the request."""
+        """Answers the request."""
 
     def refuse(self, reason: str) -> None:
-        """Tell the client that asking again is useless."""
+        """Tells the client that asking again is useless."""
 
     def drop(self) -> None:
-        """End the request without an answer, so that the client may ask again."""
+        """Ends the request without an answer, so that the client may ask again."""
 
 
 Answer = Callable[[Request], bytes | Envelope | None]

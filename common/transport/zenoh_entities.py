@@ -129,7 +129,7 @@ class Service(Declared):
         self._thread.start()
 
     def close(self) -> None:
-        """Stop answering, and wait for the thread.
+        """Stops answering, and waits for the thread.
 
         A thread that still waits for Zenoh when the interpreter ends would crash the process with
         "FATAL: exception not rethrown".

@@ -129,7 +129,7 @@ class Arm:
         self._speeds = [share * SPEED_MARGIN * joint.max_speed for joint in self.chain.joints]
 
     def want(self, keys: Keys) -> None:
-        """Plan a path from the present position to ``keys``, or to rest for no keys."""
+        """Plans a path from the present position to ``keys``, or to rest for no keys."""
         if keys == self._wanted:
             return
         self._wanted, self._waited = keys, 0
@@ -143,7 +143,7 @@ class Arm:
             self._path.append(_Waypoint(self.poses.on[keys], goal, down=True))
 
     def advance(self) -> None:
-        """Set the motors' target for one emulator frame; call it before that frame's physics."""
+        """Sets the motors' target for one emulator frame; call it before that frame's physics."""
         self._still += 1
         self._waited += 1
         if self._waited % PATIENCE == 0 and not self._is_over(self._wanted):
@@ -163,7 +163,7 @@ class Arm:
             )  # fmt: skip
 
     def _free(self) -> None:
-        """Plan a higher path: the fingertip is caught on the edge of a key."""
+        """Plans a higher path: the fingertip is caught on the edge of a key."""
         goal, lift = self.poses.over[self._wanted], self.poses.lift
         here = np.array([state[0] for state in self._states(self._body, self.joints)])
         straight_up = _Waypoint(here + 3.0 * lift, goal)
@@ -184,7 +184,7 @@ class Arm:
         return bool(x * x + y * y < NEAR_ENOUGH**2)
 
     def place(self, pose: Angles) -> None:
-        """Set the joints to ``pose [4]``, rad, at once."""
+        """Sets the joints to ``pose [4]``, rad, at once."""
         for joint, angle in zip(self.joints, pose, strict=True):
             self._engine.resetJointState(self._body, joint, float(angle), 0.0)
 

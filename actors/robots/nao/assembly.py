@@ -26,7 +26,7 @@ class Piece(Part):
     """Links that move as one rigid body, in the frame of the first link."""
 
     def add(self, link: Link, turn: NDArray[np.float64], origin: NDArray[np.float64]) -> None:
-        """Join ``link``; its frame has rotation ``turn`` and position ``origin`` in this piece."""
+        """Joins ``link``; its frame has rotation ``turn`` and position ``origin`` in this piece."""
         centre = origin + turn @ np.array(link.centre)
         self.join(link.mass, centre, turn @ np.diag(link.inertia) @ turn.T)
         for shape in SHAPES[link.name]:

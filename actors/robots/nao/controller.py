@@ -122,7 +122,7 @@ class Controller(Pressed):
         self._engine.changeVisualShape(self.body, joint, rgbaColor=colour)
 
     def mimic(self, other: "Controller") -> None:
-        """Put the keys where ``other`` has them, to render the same state in another room."""
+        """Puts the keys where ``other`` has them, to render the same state in another room."""
         for joint, depth in zip(self._joints, other.depths(), strict=True):
             self._engine.resetJointState(self.body, joint, depth)
         self._held = other.held

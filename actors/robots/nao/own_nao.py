@@ -60,7 +60,7 @@ class OwnNao:
         self._seat()
 
     def _seat(self) -> None:
-        """Put the torso where ours is, whatever link the file begins with."""
+        """Puts the torso where ours is, whatever link the file begins with."""
         engine = self._engine
         parent = engine.getJointInfo(self._body, self._joints[_ON_THE_TORSO])[16]
         torso = frame_of(engine, self._body, parent)

@@ -95,7 +95,7 @@ class Joystick(Pressed):
         return away, -away, left, -left, down
 
     def _paint(self, key: Keys, *, pressed: bool) -> None:
-        """Light the lamp of a switch, or colour the button."""
+        """Lights the lamp of a switch, or colours the button."""
         if key is Keys.FIRE:
             colour = _LIT if pressed else _RELEASED
             self._engine.changeVisualShape(self.body, self._joints[2], rgbaColor=colour)

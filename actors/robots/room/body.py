@@ -48,19 +48,19 @@ class Limbs(ABC):
 
     @abstractmethod
     def limit_speed(self, share: float) -> None:
-        """Limit each joint to ``share`` of its usual speed, from the next target on."""
+        """Limits each joint to ``share`` of its usual speed, from the next target on."""
 
     @abstractmethod
     def command(self, keys: Keys) -> None:
-        """Set out to hold exactly ``keys`` down."""
+        """Sets out to hold exactly ``keys`` down."""
 
     @abstractmethod
     def advance(self) -> None:
-        """Set the motors' targets for one emulator frame; call it before that frame's physics."""
+        """Sets the motors' targets for one emulator frame; call it before that frame's physics."""
 
     @abstractmethod
     def settle(self) -> None:
-        """Put everything at rest at once, and drop all commands."""
+        """Puts everything at rest at once, and drops all commands."""
 
 
 class Pressed(ABC):
@@ -98,7 +98,7 @@ class Pressed(ABC):
 
     @abstractmethod
     def _paint(self, key: Keys, *, pressed: bool) -> None:
-        """Draw a key as pressed or released."""
+        """Draws a key as pressed or released."""
 
     @property
     def held(self) -> Keys:
@@ -106,7 +106,7 @@ class Pressed(ABC):
         return self._held
 
     def set_threshold(self, share: float) -> None:
-        """Set the depths at which a key is pressed and released to ``share`` of the usual ones."""
+        """Sets the depths at which a key is pressed and released to ``share`` of the usual ones."""
         self._closes = [share * depth for depth in self.press_depths]
         self._opens = [share * depth for depth in self.release_depths]
 
@@ -121,12 +121,12 @@ class Pressed(ABC):
         return self._held
 
     def show(self) -> None:
-        """Colour pressed and released keys; call it before rendering them."""
+        """Colours pressed and released keys; call it before rendering them."""
         for key in KEYS:
             if key & (self._held ^ self._shown):
                 self._paint(key, pressed=bool(key & self._held))
         self._shown = self._held
 
     def forget(self) -> None:
-        """Treat every key as released, because the physics was restored to its start."""
+        """Treats every key as released, because the physics was restored to its start."""
         self._held = Keys.NONE

@@ -76,7 +76,7 @@ class Camera:
         return self._engine.computeProjectionMatrix(left, right, bottom, top, _NEAR, _FAR)
 
     def render(self, *, shadow: bool = True, window: Window | None = None) -> Rendering:
-        """Render the room, or a ``window`` of its picture, without the projected game.
+        """Renders the room, or a ``window`` of its picture, without the projected game.
 
         Without shadows, which are coarse on near objects and streak the wall, it takes half the
         time.

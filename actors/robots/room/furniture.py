@@ -70,8 +70,8 @@ class Furniture:
         """Corners of the projected picture, border included, at the screen's present place."""
 
     def place_screen(self, away: float, tilt: float) -> None:
-        """Place the screen ``away`` m farther from the robot than usual, its upper edge tilted back
-        by ``tilt`` degrees about the picture's middle."""
+        """Places the screen ``away`` m farther from the robot than usual, its upper edge tilted
+        back by ``tilt`` degrees about the picture's middle."""
         self.screen_place = (away, tilt)
         turn = about((0.0, 1.0, 0.0), math.radians(tilt))
         middle = PICTURE_CORNERS.mean(axis=0)
@@ -136,7 +136,7 @@ def _screen_stand() -> list[Box]:
 
 
 def _stand(engine: Any, boxes: list[Box], *, touchable: bool = False) -> int:
-    """Add boxes as one static body; if ``touchable``, its first box can be touched."""
+    """Adds boxes as one static body; if ``touchable``, its first box can be touched."""
     halves = [[edge / 2 for edge in edges] for _, edges, _ in boxes]
     visual = engine.createVisualShapeArray(
         shapeTypes=[engine.GEOM_BOX] * len(boxes),

@@ -90,7 +90,7 @@ class Projection:
         return Backdrop(self._dark, self._window)
 
     def _draw_border(self, rendering: Rendering) -> None:
-        """Draw the whole picture black; pixels on its edge by the share that it covers."""
+        """Draws the whole picture black; pixels on its edge by the share that it covers."""
         on_screen = rendering.bodies == self._screen_body
         left = np.where(on_screen, self._shadow, 1.0)[:, :, None]
         self._dark = np.rint(rendering.rgb * left + self._black * (1 - left)).astype(np.uint8)

@@ -102,7 +102,7 @@ class Room(ABC):
 
     @abstractmethod
     def _build(self, folder: Path) -> None:
-        """Put `arms` and `controller` into the room; ``folder`` is for their descriptions."""
+        """Puts `arms` and `controller` into the room; ``folder`` is for their descriptions."""
 
     def _set_hands(self, play: PlayConfig) -> None:
         self.arms.limit_speed(play.arm_speed)
@@ -123,7 +123,7 @@ class Room(ABC):
         return self.arms.posture()
 
     def rest(self) -> None:
-        """Restore the start state: hands at rest over released keys, identical every time."""
+        """Restores the start state: hands at rest over released keys, identical every time."""
         self._engine.restoreState(self._at_rest)
         self.furniture.place_screen(*self.furniture.screen_place)
         self._settle()
@@ -135,7 +135,7 @@ class Room(ABC):
         return self.controller.pressed()
 
     def set_eye(self, camera: CameraConfig) -> None:
-        """Set the robot's eye, its pose and the screen's place as ``camera`` says.
+        """Sets the robot's eye, its pose and the screen's place as ``camera`` says.
 
         The drawn head does not turn, because the robot does not see it.
         """
@@ -153,7 +153,7 @@ class Room(ABC):
         self._views = Views(self._engine, screen, self._game_size, corners, self.scene)
 
     def _limit_contacts(self, body: int) -> None:
-        """Allow contacts only between solid parts of the robot's ``body`` and other solid bodies,
+        """Allows contacts only between solid parts of the robot's ``body`` and other solid bodies,
         and among the robot's own solid parts.
 
         Otherwise the engine checks every pair within the contact threshold, decoration included.
@@ -224,7 +224,7 @@ class Room(ABC):
         return Scene(self._engine, {**self.furniture.names, **hands}, self.arms.body)
 
     def close(self) -> None:
-        """Disconnect the physics client; the room cannot be used afterwards. Closing twice does no
+        """Disconnects the physics client; the room cannot be used afterwards. Closing twice does no
         harm."""
         if self._open:
             self._engine.disconnect()

@@ -64,7 +64,7 @@ class Sensor:
         self._late: deque[tuple[int, NDArray[np.uint8]]] = deque()
 
     def begin_game(self, rng: Generator) -> None:
-        """Draw the noise of a new game, and discard pictures of the last one."""
+        """Draws the noise of a new game, and discards pictures of the last one."""
         self._late.clear()
         noise = self._config.noise
         if noise > 0 or self._config.dropped > 0:

@@ -15,7 +15,7 @@ _LIBC = ctypes.CDLL(None)
 
 @contextmanager
 def silenced() -> Iterator[None]:
-    """Discard what this process writes to descriptors 1 and 2, C buffers included.
+    """Discards what this process writes to descriptors 1 and 2, C buffers included.
 
     This silences all threads of the process, so keep the block short.
     """

@@ -36,7 +36,7 @@ class Part:
     shapes: list[Shape] = field(default_factory=list)
 
     def join(self, mass: float, centre: NDArray[np.float64], inertia: NDArray[np.float64]) -> None:
-        """Add a body of ``inertia`` about its own ``centre`` of mass (parallel axis theorem)."""
+        """Adds a body of ``inertia`` about its own ``centre`` of mass (parallel axis theorem)."""
         whole = self.mass + mass
         common = (self.mass * self.centre + mass * centre) / whole
         self.inertia = (
