@@ -36,7 +36,10 @@ _FIRST: dict[str, tuple[str, ...]] = {
 }
 """Figures of the panels that are shown first, by the panels' titles."""
 _FIRST_OF_ACTORS = ("actor/steps_per_second", "actor/held_share")
-_OF_LEARNER = '{job="ale-robot-learner"}'
+OF_LEARNER = '{job="ale-robot-learner",instance="$learner"}'
+"""Selector of the series of the learner that a person has chosen."""
+_LEARNERS = 'label_values(up{job="ale-robot-learner"}, instance)'
+_SOURCE = {"type": "prometheus", "uid": "${source}"}
 _ACROSS, _WIDTH, _HEIGHT = 3, 8, 8
 """Panels side by side, and the size of each; a dashboard is 24 units wide."""
 _UNITS = {"bytes": "bytes", "milliseconds": "s", "seconds": "s", "per second": "ops"}
@@ -56,22 +59,16 @@ def _name(metric: Metric) -> str:
     return metric.key.partition("/")[2].replace("_", " ")
 
 
-def _panel(
-    title: str, metrics: Sequence[Metric], labels: str = _OF_LEARNER, legend: str = ""
-) -> dict[str, Any]:
-    """Returns a panel of figures with the same unit.
-
-    Args:
-        labels: selector of the series, in the syntax of Prometheus.
-        legend: legend of a series; if empty, the figure's name.
-    """
+def _panel(title: str, metrics: Sequence[Metric], legend: str = "") -> dict[str, Any]:
+    """Returns a panel of figures with the same unit; ``legend`` is that of a series, the figure's
+    name if it is empty."""
     (unit,) = {_unit(metric) for metric in metrics}
-    series = [(metric, name_of(metric) + labels) for metric in metrics]
+    series = [(metric, name_of(metric) + OF_LEARNER) for metric in metrics]
     return {
         "type": "state-timeline" if metrics[0] is CHECK else "timeseries",
         "title": title,
         "description": "\n\n".join(f"{_name(metric)}: {metric.meaning}." for metric in metrics),
-        "datasource": {"type": "prometheus", "uid": "${source}"},
+        "datasource": _SOURCE,
         "fieldConfig": {"defaults": {"unit": unit}, "overrides": []},
         "targets": [
             {
@@ -86,7 +83,7 @@ def _panel(
 
 def _of_actor(metric: Metric) -> dict[str, Any]:
     title = f"{_name(metric)}, by actor".capitalize()
-    return _panel(title, [metric], "", "{{actor}}")
+    return _panel(title, [metric], "{{actor}}")
 
 
 def _others() -> Iterator[tuple[str, list[dict[str, Any]]]]:
@@ -133,12 +130,12 @@ def dashboard() -> dict[str, Any]:
     of_actors = {metric.key: _of_actor(metric) for metric in PER_ACTOR}
     first = [
         *(_panel(title, [METRICS[key] for key in keys]) for title, keys in _FIRST.items()),
-        _panel("Red health checks", [CHECK], "", "{{check}}"),
+        _panel("Red health checks", [CHECK], "{{check}}"),
         *(of_actors.pop(key) for key in _FIRST_OF_ACTORS),
     ]
     rows = [
         *_others(),
-        ("each actor", [*of_actors.values(), _panel("Actors left out", [OMITTED], "", "actors")]),
+        ("each actor", [*of_actors.values(), _panel("Actors left out", [OMITTED], "actors")]),
     ]
     panels = _placed(first, 0)
     top = -(-len(first) // _ACROSS) * _HEIGHT
@@ -171,7 +168,17 @@ def dashboard() -> dict[str, Any]:
                     "label": "Prometheus",
                     "type": "datasource",
                     "query": "prometheus",
-                }
+                },
+                {
+                    "name": "learner",
+                    "label": "Learner",
+                    "description": "Address of the learner whose run is shown.",
+                    "type": "query",
+                    "datasource": _SOURCE,
+                    "query": {"query": _LEARNERS, "refId": "learner"},
+                    "refresh": 2,  # whenever the range of time changes
+                    "sort": 1,
+                },
             ]
         },
         "panels": panels,

@@ -37,11 +37,12 @@ def panels_of(board: dict[str, Any]) -> list[dict[str, Any]]:
 class Prometheus:
     """Answers queries at ``address``."""
 
-    def __init__(self, address: str) -> None:
-        self._address = address
+    def __init__(self, address: str, learner: str) -> None:
+        self._address, self._learner = address, learner
 
     def ask(self, query: str) -> list[dict[str, Any]]:
-        asked = urllib.parse.urlencode({"query": query})
+        """Answers a query of the dashboard, in which a person has chosen the learner."""
+        asked = urllib.parse.urlencode({"query": query.replace("$learner", self._learner)})
         url = f"http://{self._address}/api/v1/query?{asked}"
         with urllib.request.urlopen(url, timeout=60) as told:
             found: list[dict[str, Any]] = json.load(told)["data"]["result"]
@@ -60,7 +61,12 @@ class Prometheus:
         Args:
             empty: queries that have none.
         """
-        for panel in panels_of(json.loads(DASHBOARD.read_text())):
+        board = json.loads(DASHBOARD.read_text())
+        (choice,) = (each for each in board["templating"]["list"] if each["name"] == "learner")
+        offered = re.fullmatch(r"label_values\((.*), (\w+)\)", choice["query"]["query"])
+        assert offered
+        assert [each["metric"][offered[2]] for each in self.ask(offered[1])] == [self._learner]
+        for panel in panels_of(board):
             for target in panel["targets"]:
                 query = target["expr"]
                 if query in empty:
@@ -86,7 +92,7 @@ def prometheus(page: str, folder: Path) -> Iterator[Prometheus]:
         [program, *files, f"--web.listen-address={own}", "--log.level=error"]
     )
     try:
-        found = Prometheus(own)
+        found = Prometheus(own, page)
         wait_until(found.has_read, "Prometheus has read the learner's page")
         yield found
     finally:

@@ -13,7 +13,7 @@ from common.metrics import METRICS, Metric, Values
 from common.process.http_endpoints import http_endpoints
 from common.protocol.actor_stats import ActorStats
 from common.protocol.run_status import HealthCheck
-from deploy.grafana import DASHBOARD, dashboard, flat, text
+from deploy.grafana import DASHBOARD, OF_LEARNER, dashboard, flat, text
 from learner.telemetry.sinks.prometheus import PrometheusSink
 from learner.telemetry.snapshot import ActorView
 from tests.deploy.prometheus import PROMETHEUS, panels_of, prometheus, tool
@@ -57,7 +57,17 @@ def test_a_new_figure_gets_a_panel_in_the_row_of_its_group(monkeypatch: pytest.M
     assert panel["fieldConfig"]["defaults"]["unit"] == "s"
     assert "warmth: How long the hands are warm." in panel["description"]
     targets = {each["legendFormat"]: each["expr"] for each in panel["targets"]}
-    assert targets["warmth"] == 'ale_robot_hands_warmth_seconds{job="ale-robot-learner"}'
+    assert targets["warmth"] == f"ale_robot_hands_warmth_seconds{OF_LEARNER}"
+
+
+def test_the_figures_of_one_learner_are_shown_at_a_time() -> None:
+    """Two runs in one Prometheus would be drawn as one curve of each figure."""
+    (choice,) = (each for each in dashboard()["templating"]["list"] if each["type"] == "query")
+    assert choice["query"]["query"] == 'label_values(up{job="ale-robot-learner"}, instance)'
+    assert not choice.get("multi")
+    for panel in panels_of(dashboard()):
+        for target in panel["targets"]:
+            assert f'instance="${choice["name"]}"' in target["expr"], panel["title"]
 
 
 def test_units_and_rates_of_the_dashboard_are_those_of_the_figures() -> None:
