@@ -212,7 +212,7 @@ ALGORITHMS = Registry(
         "qr_dqn",
         "learner.algorithm.qr_dqn:qr_dqn",
         atoms=lambda learning: learning.quantiles,
-        ignores=("loss", "loss_mean_over", "target_epsilon"),
+        ignores=("loss", "loss_mean_over"),
     ),
 )
 

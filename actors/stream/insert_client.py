@@ -62,7 +62,7 @@ class InsertClient:
             self._inserts.wait(self.window - 1, _PAUSE)
 
     def flush(self, seconds: float) -> None:
-        """Waits until everything is acknowledged: at most so long, and less if the hub is away."""
+        """Waits until everything is acknowledged: at most this long, less if the hub is away."""
         seen = time.monotonic()
         ends = seen + seconds
         while self.unacknowledged:

@@ -83,10 +83,6 @@ class LearningConfig:
     target: Literal["dqn", "double"] = "double"
     """Network that chooses the next action in the target: the target network ('dqn') or the online
     network ('double')."""
-    target_epsilon: Fraction = 0.0
-    """ε of the policy whose values dqn learns: 0 for the greedy policy, as in Q-learning. A greater
-    one is expected SARSA (van Seijen et al. 2009): an action is worth less where a random one soon
-    after it would cost much."""
     loss: Literal["mse", "huber"] = "huber"
     """Loss of dqn for a TD error δ: 'mse' is δ², as in 2017; 'huber' is ½δ², linear beyond
     |δ| = 1. qr_dqn always uses the quantile Huber loss."""

@@ -29,7 +29,6 @@ class DoubleDqnLoss:
 
     def __init__(self, config: LearningConfig) -> None:
         self._double = config.target == "double"
-        self._epsilon = config.target_epsilon
         self._kind = config.loss
         self._over_outputs = config.loss_mean_over == "outputs"
 
@@ -42,7 +41,7 @@ class DoubleDqnLoss:
         with torch.no_grad():
             q_t_online = online(prepared.pixels_t, batch.x_t) if self._double else None
         q_tm1 = online(prepared.pixels_tm1, batch.x_tm1)
-        v_t = bootstrap_values(q_t_target, q_t_online, self._epsilon)
+        v_t = bootstrap_values(q_t_target, q_t_online)
         targets = td_targets(batch.r_t, batch.discount_t, v_t)
         errors = td_errors(q_tm1, batch.a_tm1, targets)
         outputs = q_tm1.shape[1] if self._over_outputs else 1
@@ -51,20 +50,17 @@ class DoubleDqnLoss:
         return Update(loss, errors.abs(), errors, targets)
 
 
-def bootstrap_values(q_t_target: Tensor, q_t_online: Tensor | None, epsilon: float = 0.0) -> Tensor:
-    """Returns the value of each ``s_t`` for an ε-greedy policy, ``float32 [batch]``.
+def bootstrap_values(q_t_target: Tensor, q_t_online: Tensor | None) -> Tensor:
+    """Returns the value of each ``s_t``, ``float32 [batch]``.
 
     Args:
         q_t_target: target network's values ``[batch, actions]``.
         q_t_online: the online network's values, which then choose the action (Double DQN,
             equation 4; van Hasselt et al. 2016); None lets the target network choose too (DQN,
             equation 3; Mnih et al. 2015).
-        epsilon: share of random actions from ``s_t`` on, which weights the mean over all actions
-            (expected SARSA, van Seijen et al. 2009, equation 6); 0 for the greedy policy.
     """
     chooser = q_t_target if q_t_online is None else q_t_online
-    best = q_t_target.gather(1, chooser.argmax(dim=1, keepdim=True)).squeeze(1)
-    return torch.lerp(best, q_t_target.mean(dim=1), epsilon) if epsilon else best
+    return q_t_target.gather(1, chooser.argmax(dim=1, keepdim=True)).squeeze(1)
 
 
 def td_targets(r_t: Tensor, discount_t: Tensor, v_t: Tensor) -> Tensor:

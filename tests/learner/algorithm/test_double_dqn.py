@@ -30,39 +30,6 @@ def test_double_dqn_lets_the_online_network_choose() -> None:
     assert bootstrap_values(Q_TARGET, Q_ONLINE).tolist() == [2.0, -1.0]
 
 
-def test_expected_sarsa_weights_the_mean_of_all_actions() -> None:
-    # An online network that prefers the worst: 0.7·1 + 0.3·2, and 0.7·-2 + 0.3·-1; without it
-    # 0.7·3 + 0.3·2, and 0.3·-1.
-    assert bootstrap_values(Q_TARGET, -Q_TARGET, 0.3).tolist() == pytest.approx([1.3, -1.7])
-    assert bootstrap_values(Q_TARGET, None, 0.3).tolist() == pytest.approx([2.7, -0.3])
-
-
-def test_its_values_are_those_of_the_epsilon_greedy_policy() -> None:
-    """A cliff of one step: action 0 wins 1 and action 1 loses 9, so the ε-greedy policy has
-    (1 - ε/2)·1 - ε/2·9 there, as every path that is drawn by it has on average."""
-    q_cliff = tensor([[1.0, -9.0]])
-    generator = torch.Generator().manual_seed(1)
-    is_random = torch.rand(100_000, generator=generator) < 0.4
-    other = torch.rand(100_000, generator=generator) < 0.5
-    returns = torch.where(is_random & other, -9.0, 1.0)
-    expected = bootstrap_values(q_cliff, None, 0.4)
-    assert expected.item() == pytest.approx(-1.0)
-    assert expected.item() == pytest.approx(float(returns.mean()), abs=0.05)
-
-
-def test_the_settings_give_the_policy_whose_values_are_learned() -> None:
-    q = tensor([[0.5, 1.5, 1.0], [2.0, 4.0, 0.0]])
-    batch = random_batch(size=2)._replace(
-        a_tm1=tensor([1, 0]), r_t=tensor([2.0, -1.0]), discount_t=tensor([0.9, 0.0])
-    )
-    prepared = Prepared(batch, batch.s_tm1, batch.s_t, target_outputs=(q,))
-    network: Any = lambda pixels, vectors: q  # noqa: E731
-    greedy = DoubleDqnLoss(LearningConfig())(network, prepared).targets
-    soft = DoubleDqnLoss(LearningConfig(target_epsilon=0.1))(network, prepared).targets
-    assert greedy.tolist() == pytest.approx([2 + 0.9 * 1.5, -1.0])
-    assert soft.tolist() == pytest.approx([2 + 0.9 * (0.9 * 1.5 + 0.1 * 1.0), -1.0])
-
-
 def test_td_error() -> None:
     targets = td_targets(
         r_t=tensor([1.0, -1.0]), discount_t=tensor([0.9, 0.0]), v_t=tensor([2.0, 100.0])
