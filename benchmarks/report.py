@@ -28,7 +28,7 @@ Numbers = Annotated[tuple[FromOne, ...], MinLen(1)]
 Seconds = Annotated[float, Gt(0)]
 Row = Mapping[str, Any]
 T = TypeVar("T")
-_MOST_PADDED = 12
+_MAX_PADDED = 12
 """Columns of a table that fits a terminal with spaces around each cell."""
 
 
@@ -106,7 +106,7 @@ def run(
 
 def show(title: str, rows: Sequence[Row]) -> None:
     """Prints ``rows`` as a table, with the machine below it."""
-    wide = len(rows[0]) > _MOST_PADDED
+    wide = len(rows[0]) > _MAX_PADDED
     table = RichTable(title=title, padding=(0, 0) if wide else (0, 1))
     table.caption = machine_line(provenance()["machine"])
     for name in rows[0]:

@@ -111,7 +111,7 @@ def _from_table(kind: Any, fill: bool, *, inner: bool = True) -> Any:
     return Annotated[table, AfterValidator(lambda found: kind(**found))]
 
 
-_MOST_NAMES, _LONGEST_NAME = 20, 40  # in an error: a stranger may have chosen the names
+_MAX_NAMES, _LONGEST_NAME = 20, 40  # in an error: a stranger may have chosen the names
 _UNEQUAL = ("missing", "extra_forbidden")
 _WRONG = {
     "greater_than_equal": ": choose {ge} or more",
@@ -145,7 +145,7 @@ def _sentence(refusal: _Refusal, where: str) -> str:
     if unequal := [each["loc"] for each in errors if each["type"] in _UNEQUAL]:
         *group, _ = unequal[0]
         names = sorted(str(name)[:_LONGEST_NAME] for *of, name in unequal if of == group)
-        listed = ", ".join(names[:_MOST_NAMES]) + ("" if len(names) <= _MOST_NAMES else " …")
+        listed = ", ".join(names[:_MAX_NAMES]) + ("" if len(names) <= _MAX_NAMES else " …")
         place = dotted(*group)
         return f"{place + ' has ' if place else ''}a missing or unknown field: {listed}"
     kind, loc, ctx = (errors[0].get(part) for part in ("type", "loc", "ctx"))

@@ -3,7 +3,7 @@
 A command has two goals: *release*, every key that it does not ask for is up; and *press*, every
 key that it asks for is down. Each goal is measured unless the command finds it reached. The unit
 is the emulator frame of game time, because that is how often the controller is read. A goal that
-is not reached before the next command, or within `MOST_FRAMES`, is *given up* at that age.
+is not reached before the next command, or within `MAX_FRAMES`, is *given up* at that age.
 
 Percentiles are over all measured commands. A command that was given up counts as slower than every
 other, because leaving it out would flatter slow hands. A percentile is infinite if too many
@@ -21,9 +21,9 @@ from numpy.typing import NDArray
 
 from common.run.conditions import FRAMES_PER_SECOND
 
-MOST_FRAMES = 30
+MAX_FRAMES = 30
 """Maximum number of frames for which a command is watched: half a second."""
-COUNTS = 2 * 2 * MOST_FRAMES
+COUNTS = 2 * 2 * MAX_FRAMES
 """Number of counts: outcomes by age, ``[release or press, reached or given up, age - 1]``, flat."""
 
 Goal = Literal["release", "press"]
@@ -31,7 +31,7 @@ Goal = Literal["release", "press"]
 
 def place_of(goal: Goal, reached: bool, frames: int) -> int:
     """Returns the index in the counts of an outcome ``frames`` (1 or more) after the command."""
-    return ((goal == "press") * 2 + (not reached)) * MOST_FRAMES + frames - 1
+    return ((goal == "press") * 2 + (not reached)) * MAX_FRAMES + frames - 1
 
 
 def ms_of(frames: int) -> float:
@@ -58,7 +58,7 @@ class KeyLatency:
     def of(cls, counts: Sequence[int], goal: Goal) -> "KeyLatency":
         """Returns the latency that ``counts`` describe; there are `COUNTS` of them, or none."""
         # Python's integers, because the sums of reported counts may not fit numpy's.
-        outcomes = np.array(counts or [0] * COUNTS, object).reshape(2, 2, MOST_FRAMES)
+        outcomes = np.array(counts or [0] * COUNTS, object).reshape(2, 2, MAX_FRAMES)
         reached, given_up = outcomes[int(goal == "press")]
         measured = int((reached + given_up).sum())
         if not measured:
@@ -76,7 +76,7 @@ def reached_by_age(counts: Sequence[int], goal: Goal) -> list[int]:
     """Returns how many commands reached the goal in each frame after the command, in order;
     ``counts`` has `COUNTS` entries."""
     first = place_of(goal, True, 1)
-    return list(counts[first : first + MOST_FRAMES])
+    return list(counts[first : first + MAX_FRAMES])
 
 
 def _percentile(reached: NDArray[np.object_], measured: int, percent: int) -> float:

@@ -18,8 +18,8 @@ from common.run.clock import ClockConfig
 from common.run.folder import JOURNAL, RunFolder
 from common.run.presets import PRESETS
 from common.run.stored_config import flag_of, flat
-from common.transport.access_control import MOST_SESSIONS
-from learner.options import MOST_THREADS, LearnerOptions, resume_flags, run_name, stored_config
+from common.transport.access_control import MAX_SESSIONS
+from learner.options import MAX_THREADS, LearnerOptions, resume_flags, run_name, stored_config
 
 _SET_HERE = ("listen", "connect", "certificates", "local", "resume", "actors", "envs", "evaluators")
 """Options of the learner that the launcher sets."""
@@ -40,15 +40,15 @@ class LaunchOptions:
     """Name of the run; by default it is made of environment, game and preset."""
     runs: Path = Path("runs")
     """Folder that holds the runs; all nodes of Slurm or Ray must share it."""
-    actors: Annotated[int, Ge(1), Le(MOST_SESSIONS)] = 2
+    actors: Annotated[int, Ge(1), Le(MAX_SESSIONS)] = 2
     """Number of training actors; each is a process with one core."""
-    max_actors: Annotated[int, Ge(0), Le(MOST_SESSIONS)] = 0
+    max_actors: Annotated[int, Ge(0), Le(MAX_SESSIONS)] = 0
     """Maximum number of actors to which Kubernetes may scale while all are busy; 0 for no
     scaling."""
-    evaluators: Annotated[int, Ge(0), Le(MOST_SESSIONS)] = 1
+    evaluators: Annotated[int, Ge(0), Le(MAX_SESSIONS)] = 1
     """Number of evaluators; each is a process with one core."""
     clock: tyro.conf.OmitArgPrefixes[ClockConfig] = field(default_factory=ClockConfig)
-    cpus: Annotated[int, Ge(1), Le(MOST_THREADS)] = 4
+    cpus: Annotated[int, Ge(1), Le(MAX_THREADS)] = 4
     """Number of processor cores of the learner."""
     gpus: Count = 0
     """Number of GPUs of the learner, which uses at most one."""

@@ -14,9 +14,9 @@ from common.errors import InputError
 from learner.algorithm.interface import Algorithm, Update
 from replay.interface import Replay
 
-_MOST_SKIPPED = 10
+_MAX_SKIPPED = 10
 _RECENTLY = 100
-"""If `_MOST_SKIPPED` of the `_RECENTLY` latest updates have a non-finite loss, the network is at
+"""If `_MAX_SKIPPED` of the `_RECENTLY` latest updates have a non-finite loss, the network is at
 fault, not the minibatches."""
 
 
@@ -36,7 +36,7 @@ class LossGuard:
         """Updates of this process whose loss was not finite."""
         self._diverged_at: int | None = None
         """Number of the first update that is the network's fault."""
-        self._last_skipped: deque[int] = deque(maxlen=_MOST_SKIPPED)
+        self._last_skipped: deque[int] = deque(maxlen=_MAX_SKIPPED)
         self._unseen: list[tuple[int, NDArray[np.int64], Update]] = []
         """Number, ids and result of each update whose loss has not been looked at yet."""
 
@@ -73,7 +73,7 @@ class LossGuard:
             if self._is_finite():
                 self._quarantine(ids, result.priorities.float().cpu().numpy())
                 first = self._last_skipped[0]
-                often = len(self._last_skipped) == _MOST_SKIPPED and number - first < _RECENTLY
+                often = len(self._last_skipped) == _MAX_SKIPPED and number - first < _RECENTLY
             else:
                 first, often = number, True
             if often and self._diverged_at is None:

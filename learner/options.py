@@ -27,14 +27,14 @@ from common.run.folder import Part, RunFolder
 from common.run.origin import origin_of
 from common.run.presets import PRESETS
 from common.run.ranges import NOTHING_DRAWN
-from common.transport.access_control import MOST_SESSIONS
+from common.transport.access_control import MAX_SESSIONS
 from common.transport.endpoint import DEFAULT_ENDPOINT, from_here
 from learner.device import DeviceChoice, PrecisionChoice
 from learner.evaluation.options import EvaluationOptions
 from learner.health_guard import RED_MINUTES, STALL_MINUTES
 from learner.telemetry.sinks.tracker import TRACKERS
 
-MOST_THREADS = 1_024
+MAX_THREADS = 1_024
 
 
 @dataclass(frozen=True)
@@ -67,11 +67,11 @@ class LearnerOptions(RunOptions):
     local: bool = False
     """Local mode: start actors and evaluators on this machine, and end them with the learner.
     `ale-robot train` gives this flag."""
-    actors: Annotated[int, Ge(1), Le(MOST_SESSIONS)] = 1
+    actors: Annotated[int, Ge(1), Le(MAX_SESSIONS)] = 1
     """Number of training actors, in local mode."""
     envs: Annotated[int, Ge(1), Le(MAX_ENVS)] = 1
     """Number of environments in each actor, in local mode."""
-    evaluators: Annotated[int, Ge(0), Le(MOST_SESSIONS)] = 1
+    evaluators: Annotated[int, Ge(0), Le(MAX_SESSIONS)] = 1
     """Number of evaluators, in local mode."""
     clock: tyro.conf.OmitArgPrefixes[ClockConfig] = field(default_factory=ClockConfig)
     device: DeviceChoice = "auto"
@@ -82,7 +82,7 @@ class LearnerOptions(RunOptions):
     cuda_graphs: bool = False
     """Record an update once as a CUDA graph, and launch it as a whole from then on. No effect
     without CUDA."""
-    threads: Annotated[int, Ge(0), Le(MOST_THREADS)] = 0
+    threads: Annotated[int, Ge(0), Le(MAX_THREADS)] = 0
     """Processor threads of an update; 0 for as many cores as local mode's actors leave free, or
     half of the cores if actors may run in other terminals."""
     connect: str | None = None

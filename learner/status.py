@@ -40,7 +40,7 @@ from learner.telemetry.sinks.formats import (
 from replay.chunk_statistics import Progress
 from replay.messages import ProgressRequest
 
-_LEAST_PATIENCE, _MOST_PATIENCE = 2.0, 3_600.0
+_LEAST_PATIENCE, _MAX_PATIENCE = 2.0, 3_600.0
 """Bounds on the seconds to wait for an answer."""
 
 
@@ -179,7 +179,7 @@ def ask(
     Raises:
         Unreachable: the replay does not answer.
     """
-    deadline = min(max(patience, _LEAST_PATIENCE), _MOST_PATIENCE)
+    deadline = min(max(patience, _LEAST_PATIENCE), _MAX_PATIENCE)
     request = ProgressRequest(MAX_COUNT, None).encode()
     replays = transport.gather(keys.progress, deadline, request)
     learners = transport.gather(keys.status, deadline)

@@ -23,8 +23,8 @@ _KEPT_GAMES = 16 * _KEPT_STATISTICS
 """Maximum number of games in all kept statistics, about 30 MB. Catch has the shortest games, of six
 steps, so a chunk of 64 steps holds at most eleven. If an actor claims a game for each step, fewer
 chunks are kept."""
-_MOST_GAPS = MAX_WINDOW  # there may be one before each chunk under way
-_MOST_STREAMS = 65_536
+_MAX_GAPS = MAX_WINDOW  # there may be one before each chunk under way
+_MAX_STREAMS = 65_536
 """Maximum number of streams that are remembered beyond their chunks in the ring; the latest are
 kept. Each start of an actor begins some."""
 
@@ -48,7 +48,7 @@ class Received:
     def __init__(self, highest: int = -1, gaps: list[list[int]] | None = None) -> None:
         self.highest = highest
         self.gaps = gaps or []
-        """Missing ranges ``[first, last]``; beyond `_MOST_GAPS`, the oldest are given up as
+        """Missing ranges ``[first, last]``; beyond `_MAX_GAPS`, the oldest are given up as
         lost."""
 
     def __contains__(self, sequence: int) -> bool:
@@ -61,7 +61,7 @@ class Received:
         if sequence > self.highest:
             if sequence > self.highest + 1:
                 self.gaps.append([self.highest + 1, sequence - 1])
-                del self.gaps[:-_MOST_GAPS]
+                del self.gaps[:-_MAX_GAPS]
             self.highest = sequence
             return
         for at, (first, last) in enumerate(self.gaps):
@@ -143,7 +143,7 @@ class ChunkIndex:
         received = self._received.pop(key[:3], None) or Received()
         received.add(key.sequence)
         self._received[key[:3]] = received
-        if len(self._received) > _MOST_STREAMS:
+        if len(self._received) > _MAX_STREAMS:
             del self._received[next(iter(self._received))]
         self._hold(key, place)
         self.accepted = statistics.index + 1

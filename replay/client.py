@@ -30,7 +30,7 @@ from replay.messages import (
 AHEAD = 3
 """Number of minibatches that are requested in advance: enough to keep both sides busy, few enough
 to stay fresh."""
-MOST_PRIORITY_UPDATES = 64
+MAX_PRIORITY_UPDATES = 64
 """Maximum number of unanswered messages of priorities."""
 DEADLINE = 5.0
 """Seconds without an answer after which the server counts as away."""
@@ -102,14 +102,14 @@ class RemoteReplay:
         """See `Replay.update_priorities`.
 
         It returns at once. Messages arrive in order. One is lost if the server is away, or if
-        `MOST_PRIORITY_UPDATES` earlier ones are unanswered because the server cannot keep up. That
+        `MAX_PRIORITY_UPDATES` earlier ones are unanswered because the server cannot keep up. That
         costs only freshness: steps keep their priorities, and a step that is drawn again gets a new
         one. Raises InputError if the server refused an earlier message.
         """
         with self._updating:
             while self._priority_updates and self._priority_updates[0].done():
                 _answer(self._priority_updates.popleft())
-            if len(self._priority_updates) < MOST_PRIORITY_UPDATES:
+            if len(self._priority_updates) < MAX_PRIORITY_UPDATES:
                 message = Priorities(ids, priorities)
                 self._priority_updates.append(self._priorities.request(message.encode()))
 

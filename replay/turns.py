@@ -15,11 +15,11 @@ be refused; it sends them again.
 
 from collections import Counter
 
-from common.transport.access_control import MOST_SESSIONS
+from common.transport.access_control import MAX_SESSIONS
 
 INSISTENCE = 20
 """Number of refusals in a row that only an actor that ignores the throttle reaches."""
-MOST_ACTORS = MOST_SESSIONS
+MAX_ACTORS = MAX_SESSIONS
 """Maximum number of accounts; beyond it, the account that was charged longest ago is dropped."""
 
 
@@ -95,7 +95,7 @@ class Turns:
         return paid
 
     def _forget(self) -> None:
-        if len(self._paid_until) > MOST_ACTORS:
+        if len(self._paid_until) > MAX_ACTORS:
             oldest = next(iter(self._paid_until))
             del self._paid_until[oldest], self._refused[oldest]
             self._asked.discard(oldest)

@@ -18,7 +18,7 @@ from rich.table import Column, Table
 
 from actors.envs.robot import RobotEnv
 from actors.loop import Step, play
-from actors.robots.latency import AGENT_STEP_MS, CHANGES, MOST_STRAYS, Change, Latency, changes
+from actors.robots.latency import AGENT_STEP_MS, CHANGES, MAX_STRAYS, Change, Latency, changes
 from actors.vision.layout import border_of
 from common.metrics import KEYS_AS_COMMANDED, PIXEL_DEVIATION, VALID_FRAMES, Bound
 from common.process.progress import Progress
@@ -28,10 +28,10 @@ from viewer.picture import check_picture, write_picture
 from viewer.player import File, Played, ShownPolicy, shown_env
 
 AGENT_STEPS = 200
-MOST_CORNER_ERROR = 1.5
+MAX_CORNER_ERROR = 1.5
 """Maximum error of a corner, camera pixels."""
 CORNERS_IN_PLACE = Bound(
-    f"corners within {MOST_CORNER_ERROR:g} px", "≥", 0.99, "what is found is not the screen"
+    f"corners within {MAX_CORNER_ERROR:g} px", "≥", 0.99, "what is found is not the screen"
 )
 _BOUNDS = (PIXEL_DEVIATION, VALID_FRAMES, CORNERS_IN_PLACE, KEYS_AS_COMMANDED)
 """Bounds on the means of `_figures`, in the same order."""
@@ -114,7 +114,7 @@ def _corners_in_place(env: RobotEnv) -> bool:
     truth = env.robot.true_corners()
     if truth is None:  # unknown, as in a real room
         return True
-    return bool(np.abs(border_of(env.detection.corners) - truth).max() <= MOST_CORNER_ERROR)
+    return bool(np.abs(border_of(env.detection.corners) - truth).max() <= MAX_CORNER_ERROR)
 
 
 def _checks_table(judged: list[tuple[Bound, float]], title: str) -> Table:
@@ -153,7 +153,7 @@ def _latency_table(found: list[Change]) -> Table | str:
         (
             "over a stray key, %",
             lambda latency: 100 * latency.stray_share,
-            100 * MOST_STRAYS,
+            100 * MAX_STRAYS,
             "{:.1f}",
         ),
     ]

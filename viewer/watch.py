@@ -40,10 +40,10 @@ _SMALLEST = (3, 2)
 _HANDS = (160, 120)
 """Least width and height at which the hands are rendered, pixels; small, because cells are
 large."""
-_LEAST_SIDE, _MOST_SIDE = 30, 66
+_LEAST_SIDE, _MAX_SIDE = 30, 66
 """Columns beside the camera's picture: as few as the texts need, so that the picture is large; more
 than the maximum would not make the bars easier to read."""
-_MOST_BEFORE = 5
+_MAX_BEFORE = 5
 """Number of earlier games whose scores are shown beside the present score."""
 _MARGIN = 1.4
 """Height of the shown part of the camera's picture, in heights of the screen. The rest is wall, and
@@ -155,7 +155,7 @@ class WatchScreen:
         if self.graphics is not None:
             text += self.graphics.draw(seen, 1, 1, 1)
             text += self.graphics.draw(hands, beside + 1, 1, 2)
-        lines = self._lines(step, values, scores, min(columns - beside, _MOST_SIDE), free)
+        lines = self._lines(step, values, scores, min(columns - beside, _MAX_SIDE), free)
         for number, line in enumerate(lines[:free], rows - free):
             text += f"\x1b[{number};{beside + 1}H{_PLAIN}{line}{_PLAIN}\x1b[K"
         games = f"{len(scores)} game{'' if len(scores) == 1 else 's'} over"
@@ -225,7 +225,7 @@ class WatchScreen:
 
 def _beside_score(step: Step, scores: Sequence[float], width: int) -> str:
     """Returns the game's step and the scores of the latest games, as far as there is room."""
-    latest, told = [points(score) for score in scores[-_MOST_BEFORE:]], ""
+    latest, told = [points(score) for score in scores[-_MAX_BEFORE:]], ""
     before = [f"   games before {' '.join(latest[at:])}" for at in range(len(latest))]
     for choices in ([f"   step {step.info.game_steps}"], before):
         told += next((each for each in choices if len(told + each) <= width), "")

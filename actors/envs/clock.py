@@ -16,7 +16,7 @@ from common.run.conditions import FRAMES_PER_SECOND
 
 FRAME = 1 / FRAMES_PER_SECOND
 """Seconds of game time per emulator frame."""
-MOST_MISSED = 100
+MAX_MISSED = 100
 """Agent steps that nobody has collected, after which the world pauses. A chunk counts the agent
 steps of a step in one byte, and a throttled actor should not lose its games."""
 BREATH = 5e-5
@@ -104,7 +104,7 @@ class RealTime:
     A command takes effect when it comes, and is answered at the end of the agent step that is then
     running. An agent step for which no command came in time passes under the old command. Late
     frames are made up for at once, as fast as the machine goes. Time stands still outside episodes,
-    and after `MOST_MISSED` agent steps that the agent did not collect.
+    and after `MAX_MISSED` agent steps that the agent did not collect.
 
     Args:
         speed: game seconds per second.
@@ -180,7 +180,7 @@ class RealTime:
 
     def _take(self) -> list[AgentStep]:
         passed, self._passed = self._passed, []
-        if len(passed) >= MOST_MISSED:
+        if len(passed) >= MAX_MISSED:
             self._deadlines.restart()
             self._changed.notify_all()
         return passed
@@ -197,7 +197,7 @@ class RealTime:
 
     def _turn(self) -> None:
         """Waits for the next frame, or passes it if it is due."""
-        if not self._running or len(self._passed) >= MOST_MISSED:
+        if not self._running or len(self._passed) >= MAX_MISSED:
             self._wait(self._changed, None)
             return
         delay = self._deadlines.delay()

@@ -9,7 +9,7 @@ from collections import deque
 
 from actors.robots.interface import Hands
 from common.actions import Keys
-from common.press_latency import MOST_FRAMES, Goal, place_of
+from common.press_latency import MAX_FRAMES, Goal, place_of
 
 _KEPT = 1_024
 """Maximum number of outcomes kept until `KeyWatch.take`. A step has at most two for each command.
@@ -66,8 +66,8 @@ class KeyWatch:
         if not (self._releasing or self._pressing):
             return
         self._age, self._tried = self._age + 1, True
-        if self._age > MOST_FRAMES:  # it waited too long
-            self._age = MOST_FRAMES
+        if self._age > MAX_FRAMES:  # it waited too long
+            self._age = MAX_FRAMES
             self.give_up()
         pressed = int(felt)
         if self._releasing and not pressed & ~self._wanted:
@@ -76,7 +76,7 @@ class KeyWatch:
         if self._pressing and not self._wanted & ~pressed:
             self._pressing = False
             self._note("press", True)
-        if self._age == MOST_FRAMES:
+        if self._age == MAX_FRAMES:
             self.give_up()
 
     def give_up(self) -> None:

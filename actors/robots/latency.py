@@ -19,7 +19,7 @@ AGENT_STEP = 4
 AGENT_STEP_MS = AGENT_STEP * FRAME_MS
 """Duration of an agent step, ms: the goal for the median latency; the goal for p99 is twice
 that."""
-MOST_STRAYS = 0.05
+MAX_STRAYS = 0.05
 """Maximum share of changes that may press, on the way, a key of neither action."""
 _SETTLED = 3 * AGENT_STEP
 _WATCHED = 30

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from actors.member import Member
 from common.process.threads import repeat
-from common.protocol.actor_stats import MOST_HEARTBEATS, ActorStats, Role
+from common.protocol.actor_stats import MAX_HEARTBEATS, ActorStats, Role
 
 PERIOD = 1.0
 
@@ -25,7 +25,7 @@ class Heartbeat:
     def close(self) -> None:
         """Publishes the last counters and ends the presence."""
         self._end()
-        time.sleep(2 / MOST_HEARTBEATS)  # a heartbeat may have been sent just now
+        time.sleep(2 / MAX_HEARTBEATS)  # a heartbeat may have been sent just now
         self._publish(leaving=True)
         self._presence.close()
 

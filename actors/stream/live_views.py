@@ -26,7 +26,7 @@ from common.protocol.live_view import (
 )
 from common.transport.interface import Request
 
-_MOST_WAITING = 8
+_MAX_WAITING = 8
 _PERIOD = 0.1
 """Minimum seconds between two pictures, however many people ask."""
 _REST = 9.0
@@ -78,7 +78,7 @@ class LiveViews:
         asked = ViewRequest.decode(request.payload)
         if asked.stream >= len(self._envs):
             raise MessageError(f"there are {len(self._envs)} environments here")
-        if len(self._waiting) >= _MOST_WAITING:
+        if len(self._waiting) >= _MAX_WAITING:
             raise MessageError("too many are waiting")
         self._waiting.append((request, asked))
 

@@ -20,7 +20,7 @@ from benchmarks.chaos.witness import digest
 from common.errors import InputError
 
 FRAME = 84 * 84
-MOST_CONTEXT = 3
+MAX_CONTEXT = 3
 """Rows that the replay may store before a chunk whose predecessor is missing: older frames of its
 first state."""
 _Chunk = tuple[str, int, int]
@@ -129,7 +129,7 @@ def audit(replay: Path, records: Iterable[Path]) -> Audit:
         if (chunk := chunk_at(row)) is not None:
             stored[chunk] += 1
             row += chunk[1] + chunk[2]
-            unknown += skipped if skipped > MOST_CONTEXT else 0
+            unknown += skipped if skipped > MAX_CONTEXT else 0
             skipped = 0
         else:
             row += 1

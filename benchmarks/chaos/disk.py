@@ -14,7 +14,7 @@ from benchmarks.child import refusal
 _mount = partial(refusal, "mount")
 _LEAST = 4096
 """Smallest number of bytes that a file system allocates."""
-_MOST_FILES = 4096
+_MAX_FILES = 4096
 
 
 class Disk:
@@ -34,7 +34,7 @@ class Disk:
 
     def __enter__(self) -> Self:
         self.folder.mkdir()
-        options = f"size={self._size},nr_inodes={_MOST_FILES}"
+        options = f"size={self._size},nr_inodes={_MAX_FILES}"
         self.missing = _mount("-t", "tmpfs", "-o", options, "chaos", str(self.folder))
         return self
 
@@ -64,7 +64,7 @@ class Disk:
         crowd = self.folder / "crowd"
         crowd.mkdir()
         with suppress(OSError):
-            for number in range(_MOST_FILES):
+            for number in range(_MAX_FILES):
                 (crowd / str(number)).touch()
         return partial(shutil.rmtree, crowd)
 

@@ -20,7 +20,7 @@ _JUNK = 20
 _DAY = 86_400
 _RESENT_AFTER = 0.2
 """Seconds after which Linux first resends an unacknowledged piece."""
-_MOST_RESENT = 4
+_MAX_RESENT = 4
 
 End = Callable[[], None]
 
@@ -59,7 +59,7 @@ def _lose(cluster: Cluster, name: str, draw: random.Random) -> End:
     share, losses = draw.uniform(0.02, 0.3), random.Random(draw.random())
 
     def delay() -> float:
-        waits = itertools.takewhile(lambda _: losses.random() < share, range(_MOST_RESENT))
+        waits = itertools.takewhile(lambda _: losses.random() < share, range(_MAX_RESENT))
         return sum(_RESENT_AFTER * 2.0**again for again in waits)
 
     cluster.links[name].delay = delay

@@ -17,7 +17,7 @@ from benchmarks.report import cell
 from common.errors import InputError
 from common.run.config import LearningConfig
 from common.run.presets import PRESETS
-from common.transport.access_control import MOST_SESSIONS
+from common.transport.access_control import MAX_SESSIONS
 
 ROBOTS = (10, 100, 1_000)
 NAMES = (
@@ -92,7 +92,7 @@ def _of_hub(hubs: Sequence[Mapping[str, Any]]) -> Iterator[list[str]]:
         "cores for the hub",
         np.array([hub["hub_cores"] / hub["actors"] for hub in hubs]) * _ROBOTS,
         f"{measured}; scaled to the number",
-        f"a core {_at(most['actors'] / most['hub_cores'])}; connections at {MOST_SESSIONS:,}",
+        f"a core {_at(most['actors'] / most['hub_cores'])}; connections at {MAX_SESSIONS:,}",
     )
     yield _row(
         "MB of the hub for connections",

@@ -24,7 +24,7 @@ from common.run.origin import origin_of
 
 EPSILON = 0.001
 """Default share of random actions in evaluations."""
-_MOST_OVER = 2_000
+_MAX_OVER = 2_000
 """Agent steps that actors may play beyond a run's end before its learner has ended, besides a tenth
 of the run."""
 
@@ -64,7 +64,7 @@ def train(folder: RunFolder, steps: int, flags: Sequence[str]) -> dict[str, Any]
     """
     if folder.summary.exists():
         trained = int(json.loads(folder.summary.read_bytes())["agent_steps"])
-        if trained > 1.1 * steps + _MOST_OVER:
+        if trained > 1.1 * steps + _MAX_OVER:
             raise InputError(
                 f"{folder.path} has {trained:,} agent steps instead of {steps:,}, as a run of "
                 "another experiment: name another folder with --runs."

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from actors.robots.latency import (
     AGENT_STEP_MS,
     FRAME_MS,
-    MOST_STRAYS,
+    MAX_STRAYS,
     Change,
     Latency,
     changes,
@@ -86,7 +86,7 @@ def sentences(latency: Latency, settled: Latency, unsettled: Latency) -> list[st
         latency.p50_ms <= AGENT_STEP_MS + 0.1
         and latency.p99_ms <= 2 * AGENT_STEP_MS + 0.1
         and not latency.unreached
-        and latency.stray_share <= MOST_STRAYS
+        and latency.stray_share <= MAX_STRAYS
     )
     return [
         *(

@@ -33,8 +33,8 @@ from common.games import check_game
 from viewer import overlay
 from viewer.picture import write_picture
 
-MOST_PIXELS = 1.5
-MOST_DIFFERENCE = 8.0
+MAX_PIXELS = 1.5
+MAX_DIFFERENCE = 8.0
 LEAST_EXPLAINED = (0.98, 0.98, 0.95, 0.95)
 """Goals: p95 of the corners, pixels; difference on Pong, grey levels; R² of `QUANTITIES`."""
 
@@ -121,11 +121,11 @@ def goals(
     by_case: dict[str, Any], by_game: list[dict[str, Any]], read: list[dict[str, Any]]
 ) -> dict[str, bool]:
     worst = [row["p95_px"] for row in by_case.values()]
-    kept = {"corners": all(p95 is not None and p95 <= MOST_PIXELS for p95 in worst)}
+    kept = {"corners": all(p95 is not None and p95 <= MAX_PIXELS for p95 in worst)}
     for row in by_game:
         if row["game"] == "pong":
             found = row["difference"]
-            kept["difference"] = found is not None and found <= MOST_DIFFERENCE
+            kept["difference"] = found is not None and found <= MAX_DIFFERENCE
     camera = next(row for row in read if row["frames from"] == "perfect camera")
     kept["probe"] = all(
         camera[name] >= least for name, least in zip(QUANTITIES, LEAST_EXPLAINED, strict=True)
@@ -175,7 +175,7 @@ def measure_sight(options: Options) -> Report:
             "goals": kept,
         },
         [
-            f"goals: corners p95 ≤ {MOST_PIXELS} px, Pong ≤ {MOST_DIFFERENCE:.0f} of 255, "
+            f"goals: corners p95 ≤ {MAX_PIXELS} px, Pong ≤ {MAX_DIFFERENCE:.0f} of 255, "
             "R² ≥ 0.98 for paddles and ≥ 0.95 for the ball: "
             + ", ".join(f"{name} {'kept' if well else 'MISSED'}" for name, well in kept.items())
         ],

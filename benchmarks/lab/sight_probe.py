@@ -29,12 +29,12 @@ _MIDDLE = 8
 _UP, _DOWN = 2, 5
 _BLURS = (3.0, 8.0)
 """Standard deviations, pixels."""
-_MOST_FRAMES = 7
+_MAX_FRAMES = 7
 """Maximum frames from one picture to the next; if it were always 4, the ball would be seen at few
 places only."""
 _WHIMS = 0.1
 """Probability, at each agent step, of a random action that is then held for a while."""
-_MOST_HELD = 8
+_MAX_HELD = 8
 """Maximum number of agent steps for which it is held."""
 
 
@@ -66,13 +66,13 @@ def collect(count: int, eye: Eye, seed: int) -> Frames:
             begin_game(room, eye, NOTHING_DRAWN, rng)
             detector = ScreenDetector(room.camera.distortion)
         if left == 0 and rng.random() < _WHIMS:
-            held, left = int(rng.integers(18)), int(rng.integers(1, _MOST_HELD))
+            held, left = int(rng.integers(18)), int(rng.integers(1, _MAX_HELD))
         if left:
             action, left = held, left - 1
         else:
             paddle, ball = (int(emulator.ram()[QUANTITIES[name]]) for name in _FOLLOWS)
             action = _UP if ball < paddle + _MIDDLE else _DOWN
-        for _ in range(rng.integers(1, _MOST_FRAMES + 1)):
+        for _ in range(rng.integers(1, _MAX_FRAMES + 1)):
             emulator.act(action)
         memory = emulator.ram()
         detection = detector.detect(room.sensor.take(room.picture(emulator.screen_rgb())))

@@ -11,7 +11,7 @@ _TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3
 """Parameters of mallopt, from malloc.h."""
 _LARGEST_KEPT = 32 * 1024 * 1024
 """Bytes; the most that glibc allows."""
-_MOST_KEPT = 512 * 1024 * 1024
+_MAX_KEPT = 512 * 1024 * 1024
 
 
 def keep_large_blocks() -> bool:
@@ -23,5 +23,5 @@ def keep_large_blocks() -> bool:
     mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
     if mallopt is None:
         return False
-    kept = mallopt(_MMAP_THRESHOLD, _LARGEST_KEPT) and mallopt(_TRIM_THRESHOLD, _MOST_KEPT)
+    kept = mallopt(_MMAP_THRESHOLD, _LARGEST_KEPT) and mallopt(_TRIM_THRESHOLD, _MAX_KEPT)
     return bool(kept)

@@ -22,7 +22,7 @@ from common.errors import InputError
 if TYPE_CHECKING:  # it loads this module where it serves
     from common.process.http_endpoints import Page
 
-_MOST_CONNECTIONS = 64
+_MAX_CONNECTIONS = 64
 """Maximum number of connections; further ones are closed."""
 _SLOWEST = 5.0
 """Seconds after which a connection without a request is closed."""
@@ -113,7 +113,7 @@ class _Connection(H11Protocol):
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         super().connection_made(transport)
-        if len(self.connections) > _MOST_CONNECTIONS:
+        if len(self.connections) > _MAX_CONNECTIONS:
             transport.abort()
         else:
             self.loop.call_later(_SLOWEST, self._look)

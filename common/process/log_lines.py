@@ -19,11 +19,11 @@ from common.strict_json import strict
 
 LOADING = "starting ... (loading PyTorch takes some seconds)"
 """Line of a program that has checked its flags."""
-_MOST_BYTES = 8 * 2**20
+_MAX_BYTES = 8 * 2**20
 """Maximum size of a run's log, because strangers may cause lines; one earlier log is kept too."""
 _REPEAT = 10.0
 """Seconds after which the same warning is logged again."""
-_MOST_SUBJECTS = 1_000
+_MAX_SUBJECTS = 1_000
 _role = ""
 """The role in lines of JSON; empty until `say_json` is called."""
 
@@ -123,7 +123,7 @@ def kept_log(path: Path, role: str) -> Iterator[Callable[[str], None]]:
         root.addHandler(terminal)
     with suppress(OSError):
         path.parent.mkdir(parents=True, exist_ok=True)
-    file = _KeptFile(path, maxBytes=_MOST_BYTES, backupCount=1, delay=True)
+    file = _KeptFile(path, maxBytes=_MAX_BYTES, backupCount=1, delay=True)
     file.setFormatter(_Formatter(role))
     root.addHandler(file)
 
@@ -155,7 +155,7 @@ class Seldom(logging.Filter):
             return True
         if now - self._said.get(said, -math.inf) < _REPEAT:
             return False
-        if len(self._said) >= _MOST_SUBJECTS:
+        if len(self._said) >= _MAX_SUBJECTS:
             self._said.clear()
         self._said[said] = now
         return True

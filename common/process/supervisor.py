@@ -24,7 +24,7 @@ from common.schedule import Now
 ROOT = Path(__file__).resolve().parents[2]
 _EARLY = 15.0
 """A child that lives for fewer seconds than this did not begin its work."""
-_MOST_EARLY_ENDS = 3
+_MAX_EARLY_ENDS = 3
 _TAIL = 4_096
 """Characters at the end of a log, or of a piped standard error, that may hold the last line."""
 _SILENCE = "nothing"
@@ -180,9 +180,9 @@ class Supervisor:
                 said = child.last_line()
                 raise InputError(f"{name} ended: {said} (more in {child.log}).")
             self._early_ends[name] = self._early_ends[name] + 1 if worked < _EARLY else 0
-            if self._early_ends[name] >= _MOST_EARLY_ENDS:
+            if self._early_ends[name] >= _MAX_EARLY_ENDS:
                 raise InputError(
-                    f"{name} cannot start: it ended {_MOST_EARLY_ENDS} times by {how} and said: "
+                    f"{name} cannot start: it ended {_MAX_EARLY_ENDS} times by {how} and said: "
                     f"{child.last_line()} (more in {child.log})."
                 )
             if status > 0 and (said := child.last_line()) != _SILENCE:

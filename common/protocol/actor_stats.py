@@ -16,7 +16,7 @@ from common.protocol.message import Message
 from common.version import VERSION
 
 Role = Literal["actor", "evaluator"]
-MOST_HEARTBEATS = 100
+MAX_HEARTBEATS = 100
 """Maximum per second and process; a hub drops a heartbeat that follows another too soon."""
 
 

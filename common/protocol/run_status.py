@@ -12,7 +12,7 @@ from common.metrics import METRICS
 from common.protocol.actor_stats import Role
 from common.protocol.message import Message
 
-MOST_ACTORS = 1_000
+MAX_ACTORS = 1_000
 _Any = Annotated[float, AllowInfNan(True)]
 
 
@@ -60,7 +60,7 @@ class RunStatus(Message):
     values: Annotated[dict[str, bool | int | _Any | str | None], MaxLen(1_000)]
     """Figures by their keys in `common.metrics`."""
     checks: Annotated[Rows[HealthCheck], MaxLen(1_000)]
-    actors: Annotated[Rows[ActorStatus], MaxLen(MOST_ACTORS)]
+    actors: Annotated[Rows[ActorStatus], MaxLen(MAX_ACTORS)]
 
     def check(self) -> None:
         """See `Message.check`: refuses a text where a figure is declared as a number."""

@@ -10,13 +10,13 @@ publication is dropped.
 from collections.abc import Sequence
 from typing import Any, get_args
 
-from common.protocol.actor_stats import MOST_HEARTBEATS, Role
+from common.protocol.actor_stats import MAX_HEARTBEATS, Role
 from common.protocol.live_view import MAX_VIEW_BYTES
 from common.protocol.run_keys import DEMONSTRATIONS, RunKeys
 from common.protocol.wire import MAX_MESSAGE_BYTES
 from common.transport.credentials import common_name
 
-MOST_SESSIONS = 4_096
+MAX_SESSIONS = 4_096
 """Maximum number of processes, of all runs, at one hub; fewer if it may have few open files."""
 _ANY = RunKeys("*")
 _LEARNER_ANSWERS = [_ANY.job("*"), _ANY.report("*"), _ANY.status]
@@ -68,7 +68,7 @@ def _of_replay(run: str) -> dict[str, list[str]]:
 
 _KIB = 1024
 _TO_HUB = ["put", "query"]
-_MOST_BYTES: list[tuple[list[str], int, list[str]]] = [
+_MAX_BYTES: list[tuple[list[str], int, list[str]]] = [
     (
         _TO_HUB,
         64 * _KIB,
@@ -102,13 +102,13 @@ def size_limits() -> dict[str, Any]:
                 "key_exprs": keys,
                 "size_limit": most,
             }
-            for messages, most, keys in _MOST_BYTES
+            for messages, most, keys in _MAX_BYTES
         ],
     }
 
 
-_MOST_PER_SECOND = {
-    _ANY.stats("*", "*"): MOST_HEARTBEATS,
+_MAX_PER_SECOND = {
+    _ANY.stats("*", "*"): MAX_HEARTBEATS,
     _ANY.config: 20,
     _ANY.job("*"): 20,
     _ANY.status: 20,
@@ -126,7 +126,7 @@ def rate_limits() -> list[dict[str, Any]]:
             "id": "rates",
             "flows": ["ingress"],
             "messages": _TO_HUB,
-            "rules": [{"key_expr": key, "freq": most} for key, most in _MOST_PER_SECOND.items()],
+            "rules": [{"key_expr": key, "freq": most} for key, most in _MAX_PER_SECOND.items()],
         }
     ]
 

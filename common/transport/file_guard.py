@@ -23,7 +23,7 @@ class FileGuard:
 
     Args:
         most: maximum number of files that the process may have open. Three eighths are for sessions
-            (`MOST_SESSIONS`), and three for connections that come between two looks; strangers
+            (`MAX_SESSIONS`), and three for connections that come between two looks; strangers
             have the rest.
     """
 

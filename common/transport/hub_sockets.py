@@ -15,7 +15,7 @@ _RECEIVED = struct.Struct("=Q")
 _RECEIVED_AT = 128
 """Offset of ``tcpi_bytes_received`` in Linux' ``struct tcp_info``."""
 
-_MOST_FILES = 16_384
+_MAX_FILES = 16_384
 _ATTACH_FILTER, _DETACH_FILTER = 26, 27
 """Linux' ``SO_ATTACH_FILTER`` and ``SO_DETACH_FILTER``, for which Python has no names."""
 _RETURN = 0x06
@@ -37,7 +37,7 @@ def most_files() -> int:
     systems allow 1,024, and more on request.
     """
     most, possible = resource.getrlimit(resource.RLIMIT_NOFILE)
-    if most < (wanted := min(_MOST_FILES, possible)):
+    if most < (wanted := min(_MAX_FILES, possible)):
         most = wanted
         resource.setrlimit(resource.RLIMIT_NOFILE, (most, possible))
     return most

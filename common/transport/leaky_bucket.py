@@ -3,7 +3,7 @@
 import time
 
 from common.schedule import Now
-from common.transport.access_control import MOST_SESSIONS
+from common.transport.access_control import MAX_SESSIONS
 
 ACTOR_QUOTA = 10_000
 """Agent steps per second that are accepted from one actor, the default of ``--actor-quota``: three
@@ -19,7 +19,7 @@ _NAMES_AMOUNT = 64.0
 """Steps or reports that one new name may bring; one that brings more counts as several names."""
 _AHEAD = 1.0
 """Amount that may come at once, in seconds of the quota, as after a pause of the hub."""
-_MOST_NAMES = MOST_SESSIONS
+_MAX_NAMES = MAX_SESSIONS
 """Maximum number of names with a bucket of their own."""
 _FORGOTTEN = 60.0
 """Seconds of silence after which a new name may take a name's place."""
@@ -63,7 +63,7 @@ class LeakyBucket:
             return False
         names = max(amount / _NAMES_AMOUNT, 1.0)
         self._joined_until = begins + names / NEW_NAMES_PER_SECOND
-        if len(self._paid_until) >= _MOST_NAMES:
+        if len(self._paid_until) >= _MAX_NAMES:
             heard = {n: until for n, until in self._paid_until.items() if until > now - _FORGOTTEN}
             self._paid_until = heard
-        return len(self._paid_until) < _MOST_NAMES
+        return len(self._paid_until) < _MAX_NAMES

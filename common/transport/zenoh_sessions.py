@@ -19,7 +19,7 @@ import zenoh
 from common.errors import InputError, Unreachable
 from common.transport.access_control import (
     LONGEST_RECEIVED,
-    MOST_SESSIONS,
+    MAX_SESSIONS,
     access_control,
     rate_limits,
     size_limits,
@@ -83,8 +83,8 @@ def _joining(endpoint: str) -> dict[str, Any]:
 
 def _listening(endpoint: str, files: int) -> dict[str, Any]:
     # Zenoh's default of 1,000 would exclude the last of 1,024 actors.
-    sessions = min(MOST_SESSIONS, files * 3 // 8)
-    if sessions < MOST_SESSIONS:
+    sessions = min(MAX_SESSIONS, files * 3 // 8)
+    if sessions < MAX_SESSIONS:
         text = (
             "%s takes at most %d processes, because this one may have %d open files: raise the "
             "hard limit (ulimit -n) for more"

@@ -21,7 +21,7 @@ from common.transport.zenoh_entities import (
     envelope_of,
 )
 
-_MOST_UNREAD = 4
+_MAX_UNREAD = 4
 """Maximum number of unread answers; senders of more have to wait."""
 _log = logging.getLogger(__name__)
 _T = TypeVar("_T", bound=Closeable)
@@ -61,7 +61,7 @@ class ZenohTransport(AbstractContextManager["ZenohTransport"]):
         sealed = seal(key, payload)
         replies = self.session.get(
             key,
-            FifoChannel(_MOST_UNREAD),
+            FifoChannel(_MAX_UNREAD),
             timeout=deadline,
             payload=payload,
             attachment=sealed,

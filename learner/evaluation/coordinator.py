@@ -25,7 +25,7 @@ known yet."""
 HANGS = 4 * 3_600.0
 """Seconds without a report after which a present evaluator is given up, if there is another one. A
 whole game in real time lasts half an hour at most, and slow machines take longer."""
-MOST_WAITING = 4
+MAX_WAITING = 4
 """Maximum number of tests that wait for the first evaluator; each keeps a snapshot on disk."""
 
 
@@ -89,7 +89,7 @@ class EvaluationCoordinator:
             self._tests[test.epoch] = test
             given = {shard.epoch for shard in self._shards.values()}
             waiting = sorted(self._tests.keys() - given)
-            for epoch in waiting[:-MOST_WAITING] if nobody else ():
+            for epoch in waiting[:-MAX_WAITING] if nobody else ():
                 del self._tests[epoch]
                 self._unneeded.append(epoch)
 

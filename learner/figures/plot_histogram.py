@@ -15,7 +15,7 @@ from common.errors import InputError
 from common.minus import points
 from learner.figures.plot_style import INK, dress, label
 
-_MOST_SINGLE = 60
+_MAX_SINGLE = 60
 """Widest range of scores in which each whole score has a bar of its own."""
 _BARS = 30
 _GAP = 3.0
@@ -72,7 +72,7 @@ def histogram_figure(evaluations: Sequence[Evaluation]) -> Figure:
         squeeze=False,
     )
     every = [score for each in evaluations for score in each.scores]
-    single = max(every) - min(every) <= _MOST_SINGLE
+    single = max(every) - min(every) <= _MAX_SINGLE
     scores, places = _axis(every) if single else (np.sort(every), np.sort(every))
     for axes, each in zip(rows[:, 0], evaluations, strict=True):
         dress(axes)

@@ -27,10 +27,10 @@ LEFT_SHOWN = 10.0
 """Seconds for which an actor that left stays on the display."""
 _SETTLED = 60.0
 """Seconds after which the last counters and chunks of a process that has gone must have arrived."""
-_MOST_GONE = 256
+_MAX_GONE = 256
 """Number of processes that are kept one by one after they have gone; older ones only count in the
 totals."""
-_MOST_KNOWN = 4_096
+_MAX_KNOWN = 4_096
 """Maximum number of processes, of names and of notes, however many heartbeats arrive."""
 _KNOWN = {each.name for each in fields(ActorStats)}
 
@@ -71,13 +71,13 @@ class ActorRegistry:
         self._names: dict[tuple[Role, str], _Name] = {}
         """By role and name."""
         self._processes: dict[int, ActorProcess] = {}
-        """Processes by incarnation; of those that have gone, the latest `_MOST_GONE`."""
+        """Processes by incarnation; of those that have gone, the latest `_MAX_GONE`."""
         self._gone = _total(())
         """Totals of all other processes."""
         self._gone_excess = 0
         self._folded: dict[int, _Folded] = {}
         """The processes in these totals, by incarnation."""
-        self._notes: deque[str] = deque(maxlen=_MOST_KNOWN)
+        self._notes: deque[str] = deque(maxlen=_MAX_KNOWN)
         self._subscriptions = (
             transport.subscribe(keys.stats("*", "*"), self._on_stats),
             transport.watch_presence(keys.live("*", "*"), self._on_presence),
@@ -198,7 +198,7 @@ class ActorRegistry:
         ranked.sort()
         gone_ones = sum(not stays for stays, *_ in ranked)
         replaced_ones = sum(not stays and not by_name for stays, by_name, *_ in ranked)
-        many = max(replaced_ones, gone_ones - _MOST_GONE, len(ranked) - _MOST_KNOWN)
+        many = max(replaced_ones, gone_ones - _MAX_GONE, len(ranked) - _MAX_KNOWN)
         for _, by_name, _, incarnation, key in ranked[:many]:
             process = self._processes.pop(incarnation)
             self._gone = _total((self._gone, process.totals))
@@ -212,7 +212,7 @@ class ActorRegistry:
             for name, known in self._names.items()
             if known.alive or known.newest in self._processes or now - known.heard <= _SETTLED
         }
-        for incarnation in list(self._folded)[:-_MOST_KNOWN]:
+        for incarnation in list(self._folded)[:-_MAX_KNOWN]:
             del self._folded[incarnation]
 
     def _on_stats(self, message: Envelope) -> None:
@@ -250,7 +250,7 @@ class ActorRegistry:
     def _known(self, role: Role, name: str) -> _Name | None:
         """Returns what is known of a name; None if the name is invalid, or there are too many."""
         known = self._names.get((role, name))
-        if known is None and len(self._names) < _MOST_KNOWN and re.fullmatch(NAME, name):
+        if known is None and len(self._names) < _MAX_KNOWN and re.fullmatch(NAME, name):
             known = self._names[role, name] = _Name()
         return known
 

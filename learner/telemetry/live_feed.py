@@ -16,7 +16,7 @@ _DEADLINE = 5.0
 """Seconds to wait for an actor, which plays on for a while between two slow views."""
 _FRESH = 0.15
 """Seconds for which an answer serves everybody who asks; this bounds the actor's work."""
-_MOST_KEPT = 64
+_MAX_KEPT = 64
 _AT_ONCE = 4
 
 
@@ -69,7 +69,7 @@ class LiveFeed:
                 view = self._pool.submit(self._ask, asked)
                 self._kept.pop(asked, None)  # so that it becomes the newest of the kept requests
                 self._kept[asked] = (self._now(), view)
-                for oldest in list(self._kept)[:-_MOST_KEPT]:
+                for oldest in list(self._kept)[:-_MAX_KEPT]:
                     del self._kept[oldest]
             return view
 

@@ -7,7 +7,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 
 from common.metrics import METRICS, Value, Values, number
-from common.press_latency import MOST_FRAMES, ms_of, reached_by_age
+from common.press_latency import MAX_FRAMES, ms_of, reached_by_age
 from common.process.footprint import footprint
 from common.protocol.run_status import HealthCheck
 from common.run.config import RunConfig
@@ -29,7 +29,7 @@ from replay.chunk_statistics import Progress
 _RATE_WINDOW = 15.0
 """Seconds over which recent rates are measured."""
 _NOTES = 20
-_FRAME_EDGES = [ms_of(frames) for frames in range(MOST_FRAMES + 1)]
+_FRAME_EDGES = [ms_of(frames) for frames in range(MAX_FRAMES + 1)]
 _OF_2017 = PRESETS["paper"].protocol
 """The protocol of 2017. Its epochs are the unit of ``run/epochs_per_day``, whatever the length of
 the run's own epochs."""

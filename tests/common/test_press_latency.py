@@ -10,14 +10,14 @@ from hypothesis import strategies as st
 
 from common.press_latency import (
     COUNTS,
-    MOST_FRAMES,
+    MAX_FRAMES,
     Goal,
     KeyLatency,
     ms_of,
     place_of,
 )
 
-OUTCOMES = st.lists(st.tuples(st.booleans(), st.integers(1, MOST_FRAMES)), min_size=1, max_size=60)
+OUTCOMES = st.lists(st.tuples(st.booleans(), st.integers(1, MAX_FRAMES)), min_size=1, max_size=60)
 """What became of commands: reached or given up, and at which age."""
 
 
@@ -34,7 +34,7 @@ def test_each_outcome_has_a_place_of_its_own() -> None:
         place_of(goal, reached, frames)
         for goal in goals
         for reached in (True, False)
-        for frames in range(1, MOST_FRAMES + 1)
+        for frames in range(1, MAX_FRAMES + 1)
     ]
     assert places == list(range(COUNTS))
 
@@ -83,7 +83,7 @@ def test_those_given_up_are_not_taken_for_prompt() -> None:
 
 def _naive(outcomes: list[tuple[bool, int]], share: Fraction) -> int | None:
     """The first age at which at least ``share`` have reached the goal, command by command."""
-    for age in range(1, MOST_FRAMES + 1):
+    for age in range(1, MAX_FRAMES + 1):
         there = [frames for reached, frames in outcomes if reached and frames <= age]
         if Fraction(len(there), len(outcomes)) >= share:
             return age
@@ -101,7 +101,7 @@ def test_percentiles_are_those_of_the_definition(outcomes: list[tuple[bool, int]
     assert found.watched == ms_of(max(frames for _, frames in outcomes))
 
 
-@given(st.lists(st.integers(1, MOST_FRAMES), min_size=1, max_size=60))
+@given(st.lists(st.integers(1, MAX_FRAMES), min_size=1, max_size=60))
 def test_with_nothing_given_up_they_are_plain_percentiles(ages: list[int]) -> None:
     found = KeyLatency.of(counted("release", [(True, age) for age in ages]), "release")
     p50, p99 = np.percentile(ages, (50, 99), method="inverted_cdf")

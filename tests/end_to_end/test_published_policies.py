@@ -10,7 +10,7 @@ from tests.end_to_end.conftest import Stage
 from tests.paths import ROOT
 
 GAMES = 5
-MOST_WORSE = 3.0
+MAX_WORSE = 3.0
 """Points by which the mean of so few games may fall short of the card's mean. It bounds luck, not
 skill: both are the mean of games of the same network."""
 
@@ -39,4 +39,4 @@ def test_a_published_policy_plays_as_its_card_says(stage: Stage, card: Path) -> 
     ).ends()
     found = json.loads((stage.folder / "found.json").read_text())
     assert len(found["scores"]) == GAMES
-    assert found["mean"] >= told["mean"] - MOST_WORSE
+    assert found["mean"] >= told["mean"] - MAX_WORSE

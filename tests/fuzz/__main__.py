@@ -1,7 +1,7 @@
 """`python -m tests.fuzz TARGET --messages N`: fuzz one target, guided by coverage (Atheris).
 
 It ends with exit code 0 after N messages; without a target it names them all. What a target raises
-beside a refusal, and memory beyond `_MOST_MIB`, end it with the message in a file ``crash-…``.
+beside a refusal, and memory beyond `_MAX_MIB`, end it with the message in a file ``crash-…``.
 """
 
 import contextlib
@@ -17,7 +17,7 @@ with atheris.instrument_imports(include=["actors", "common", "learner", "replay"
     from tests.fuzz.mutation import mutate
     from tests.fuzz.targets import REFUSED, Targets
 
-_MOST_MIB = 2_048
+_MAX_MIB = 2_048
 _LONGEST = 10
 """Seconds that one message may take."""
 
@@ -48,7 +48,7 @@ def main(target: tyro.conf.Positional[str] = "", messages: int = 100_000, seed: 
         longest = max(map(len, chosen.seeds))
         flags = (
             f"-runs={messages}", f"-seed={seed}", f"-max_len={2 * longest + 4_096}",
-            f"-rss_limit_mb={_MOST_MIB}", f"-timeout={_LONGEST}", "-print_final_stats=1",
+            f"-rss_limit_mb={_MAX_MIB}", f"-timeout={_LONGEST}", "-print_final_stats=1",
         )  # fmt: skip
         atheris.Setup([sys.argv[0], *flags, str(corpus)], take, custom_mutator=change)
         atheris.Fuzz()

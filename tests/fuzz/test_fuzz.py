@@ -23,7 +23,7 @@ NAMES = (
     "job", "live_view", "run_status", "signature", "seal",
 )  # fmt: skip
 _A_FEW = 300
-_MOST_BYTES = 64 * 2**20
+_MAX_BYTES = 64 * 2**20
 
 
 @pytest.fixture(scope="module")
@@ -56,7 +56,7 @@ def test_what_is_nearly_right_is_taken_or_refused(targets: Targets, name: str) -
     for _ in range(_A_FEW):
         refused += _is_refused(target, mutate(chance.choice(target.seeds), chance))
     assert refused > 0 or name in ("stats", "version"), "nothing was wrong with any of them"
-    assert footprint().private - before < _MOST_BYTES
+    assert footprint().private - before < _MAX_BYTES
 
 
 def _is_refused(target: Target, message: bytes) -> bool:

@@ -82,7 +82,7 @@ def same(one: ChunkIndex, other: ChunkIndex) -> bool:
 
 def test_streams_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
     """Or whoever invents a stream for each chunk lets memory and journal grow without end."""
-    monkeypatch.setattr("replay.chunk_index._MOST_STREAMS", 3)
+    monkeypatch.setattr("replay.chunk_index._MAX_STREAMS", 3)
     chunks = ChunkIndex()
     keys = [ChunkKey("a", start, 0, 0) for start in (1, 2, 3)]
     keys += [keys[0]._replace(sequence=1), *(ChunkKey("a", start, 0, 0) for start in (4, 5))]

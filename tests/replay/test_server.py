@@ -25,7 +25,7 @@ from common.run.join import find_run
 from common.transport.interface import Envelope, Request, Transport, Unanswered
 from common.transport.leaky_bucket import NEW_NAMES_PER_SECOND, LeakyBucket
 from replay import server as replay_server
-from replay.client import AHEAD, MOST_PRIORITY_UPDATES, RemoteReplay
+from replay.client import AHEAD, MAX_PRIORITY_UPDATES, RemoteReplay
 from replay.messages import NO_BATCH, Priorities, ProgressRequest, SampleRequest
 from replay.replay_buffer import ReplayBuffer
 from replay.server import ReplayServer
@@ -525,10 +525,10 @@ def test_priorities_are_told_in_order_and_only_so_many_without_an_answer(
     remote = RemoteReplay(place.client, KEYS, make_config())
     place.server.close()
     heard = PendingRequests(place.client, KEYS.priorities)
-    for number in range(MOST_PRIORITY_UPDATES + 5):
+    for number in range(MAX_PRIORITY_UPDATES + 5):
         remote.update_priorities(np.array([number]), np.ones(1, np.float32))
     told = []
-    for request in [heard.next() for _ in range(MOST_PRIORITY_UPDATES)]:
+    for request in [heard.next() for _ in range(MAX_PRIORITY_UPDATES)]:
         told += Priorities.decode(request.payload).ids.tolist()
         request.reply(b"")
     assert not list(heard.waiting())
@@ -540,7 +540,7 @@ def test_priorities_are_told_in_order_and_only_so_many_without_an_answer(
         raise AssertionError("not heard again")
     remote.close()
     heard.close()
-    assert told == list(range(MOST_PRIORITY_UPDATES))
+    assert told == list(range(MAX_PRIORITY_UPDATES))
 
 
 def test_refused_priorities_are_told_at_a_later_call(place: Place) -> None:

@@ -127,7 +127,7 @@ def test_who_sends_on_and_on_is_told_from_who_was_refused_now_and_then(turns: Tu
 
 
 def test_the_accounts_are_bounded(turns: Turns, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "MOST_ACTORS", 2)
+    monkeypatch.setattr(module, "MAX_ACTORS", 2)
     for name in "abc":
         send(turns, name, 1)
         turns.has_turn(f"{name} polls")

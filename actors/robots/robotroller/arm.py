@@ -40,7 +40,7 @@ HOVER = 0.0024
 ROTOR_INERTIA = 1.2e-8
 """Inertia of a servo's rotor, kg·m², estimated from other coreless motors of its size. Behind the
 gear it is ten times the inertia of what the servo turns."""
-MOST_TURN = math.radians(12.5)
+MAX_TURN = math.radians(12.5)
 """Greatest angle of each servo from its rest, rad: beyond all of the published positions."""
 
 LEANS: dict[Keys, float] = {
@@ -191,7 +191,7 @@ _PARTS: tuple[Part, ...] = (_BASE, _RING_PART, _ARCH_PART, _FINGER)
 
 def _hinge(name: str, parent: str, child: str, origin: Vector, axis: Vector) -> Joint:
     return Joint(
-        name, parent, child, origin, axis, -MOST_TURN, MOST_TURN, NO_LOAD_SPEED, STALL_TORQUE
+        name, parent, child, origin, axis, -MAX_TURN, MAX_TURN, NO_LOAD_SPEED, STALL_TORQUE
     )
 
 

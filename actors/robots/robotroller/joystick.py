@@ -29,7 +29,7 @@ PRESS_LEAN = math.radians(4.0)
 RELEASE_LEAN = math.radians(3.0)
 """Hysteresis, rad: a switch is closed from `PRESS_LEAN` on until the stick is back at
 `RELEASE_LEAN`."""
-MOST_LEAN = math.radians(13.0)
+MAX_LEAN = math.radians(13.0)
 """Lean at which the stick meets the box, rad."""
 SPRING_TORQUE = 0.04
 """Torque that brings the stick back to the middle, N·m: 0.7 N at the knob."""
@@ -133,9 +133,9 @@ _CAP = weighed(
 _PARTS: tuple[Part, ...] = (_BASE, _CROSS, _STICK, _CAP)
 _JOINTS = (
     Joint("left_right", "base", "cross", (0.0, 0.0, FOOT), LEFT_RIGHT,
-          -MOST_LEAN, MOST_LEAN, 50.0, SPRING_TORQUE),
+          -MAX_LEAN, MAX_LEAN, 50.0, SPRING_TORQUE),
     Joint("up_down", "cross", "stick", (0.0, 0.0, 0.0), UP_DOWN,
-          -MOST_LEAN, MOST_LEAN, 50.0, SPRING_TORQUE),
+          -MAX_LEAN, MAX_LEAN, 50.0, SPRING_TORQUE),
     Joint("fire", "base", "cap", BUTTON, (0.0, 0.0, -1.0),
           0.0, BUTTON_TRAVEL, 10.0, BUTTON_FORCE, "prismatic"),
 )  # fmt: skip

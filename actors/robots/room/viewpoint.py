@@ -14,7 +14,7 @@ from actors.robots.room.rotation import Vector, about
 from actors.robots.room.scene import Scene
 from actors.vision.window import Window
 
-_MOST_KEPT = 8
+_MAX_KEPT = 8
 """Maximum number of views kept between pictures; an orbiting view is kept at its last turn."""
 _SEEN = 0.1
 """Minimum movement that is drawn, m times the picture's width. It is less than half a pixel;
@@ -113,7 +113,7 @@ class Views:
         view = self._views.pop(key, None)
         if view is None or view.turn != turn:
             view = self._prepare(viewpoint, width, height, turn)
-            for oldest in list(self._views)[: 1 - _MOST_KEPT]:
+            for oldest in list(self._views)[: 1 - _MAX_KEPT]:
                 del self._views[oldest]
         self._views[key] = view
         if moved or view.rendering is None:

@@ -13,7 +13,7 @@ from learner.telemetry.health_checks import hanging, reasons
 from learner.telemetry.sinks.sink import LatestSink
 from learner.telemetry.snapshot import Snapshot
 
-MOST_ACTORS = 256
+MAX_ACTOR_SERIES = 256
 """Maximum number of actors with series of their own: names come from outside, and a monitoring
 system keeps series for months."""
 
@@ -61,10 +61,10 @@ class PrometheusSink(LatestSink):
         ]
         yield family(CHECK, checks, "check", "stops")
         actors = sorted(latest.present, key=lambda actor: (not actor.alive, actor.silent_for))
-        yield family(OMITTED, [((), max(len(actors) - MOST_ACTORS, 0))])
+        yield family(OMITTED, [((), max(len(actors) - MAX_ACTOR_SERIES, 0))])
         told = [
             ((actor.stats.name, actor.stats.role), vars(actor.stats) | vars(actor))
-            for actor in actors[:MOST_ACTORS]
+            for actor in actors[:MAX_ACTOR_SERIES]
         ]
         for metric in PER_ACTOR:
             name = metric.key.removeprefix("actor/")

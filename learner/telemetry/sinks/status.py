@@ -6,7 +6,7 @@ from common.checked import MAX_COUNT, MAX_TEXT
 from common.errors import MessageError
 from common.metrics import Value, number
 from common.protocol.run_keys import RunKeys
-from common.protocol.run_status import MOST_ACTORS, ActorStatus, RunStatus
+from common.protocol.run_status import MAX_ACTORS, ActorStatus, RunStatus
 from common.schedule import Now
 from common.transport.interface import Request, Transport
 from common.version import VERSION
@@ -35,7 +35,7 @@ def status_of(snapshot: Snapshot, silent_for: float) -> RunStatus:
         silent_for,
         {key: _brief(value) for key, value in snapshot.values.items()},
         snapshot.checks,
-        tuple(_of_actor(each, newest) for each in snapshot.present[:MOST_ACTORS]),
+        tuple(_of_actor(each, newest) for each in snapshot.present[:MAX_ACTORS]),
     )
 
 

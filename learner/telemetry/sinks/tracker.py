@@ -28,7 +28,7 @@ from learner.telemetry.snapshot import Histogram
 PROJECT = "ale-robot"
 _STEPS = "agent_steps"
 _TAG = "ale_robot.run"
-_MOST_WAITING = 256
+_MAX_WAITING = 256
 """Maximum number of points that wait for a slow tracker: several minutes of a run."""
 _FAREWELL = 30.0
 """Seconds that a run waits for the tracker at its end."""
@@ -178,7 +178,7 @@ class TrackerSink(CurvesSink):
             for package in PACKAGES.get(kind.extra, ()):
                 import_module(package)
             begin = resolve(kind.factory)
-        self._waiting = queue.Queue[Callable[[Tracker], object] | None](_MOST_WAITING)
+        self._waiting = queue.Queue[Callable[[Tracker], object] | None](_MAX_WAITING)
         # A daemon thread, so that a hanging server cannot keep the process alive.
         self._thread = threading.Thread(
             target=self._work, args=(begin, run), name=f"track {name}", daemon=True

@@ -33,8 +33,8 @@ from learner.telemetry.web.figures import about, figures
 from learner.telemetry.web.history import History
 
 _PAGE = Path(__file__).parent / "page"
-_MOST_EVENTS = 200
-_MOST_FILMS = 200
+_MAX_EVENTS = 200
+_MAX_FILMS = 200
 _log = logging.getLogger(__name__)
 
 
@@ -55,7 +55,7 @@ class PageSink(Sink):
         self._curves = [each for each in metrics_of(config.env) if each.curve or each.gate]
         self._history = History(metric.key for metric in self._curves)
         self._rows: list[dict[str, Any]] = []
-        self._events: deque[dict[str, Any]] = deque(maxlen=_MOST_EVENTS)
+        self._events: deque[dict[str, Any]] = deque(maxlen=_MAX_EVENTS)
         self._snapshot: Snapshot | None = None
         self._feed: LiveFeed
         routes = [
@@ -163,7 +163,7 @@ class PageSink(Sink):
                 told = path.lstat()
                 if S_ISREG(told.st_mode) and path.name.isprintable():
                     films.append((told.st_mtime, path))
-        return [path for _, path in sorted(films)[-_MOST_FILMS:]]
+        return [path for _, path in sorted(films)[-_MAX_FILMS:]]
 
 
 def _number(request: Request, name: str, default: int = -1) -> int:

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from actors.envs.clock import BREATH, FRAME, MOST_MISSED, Deadlines, Lockstep, RealTime
+from actors.envs.clock import BREATH, FRAME, MAX_MISSED, Deadlines, Lockstep, RealTime
 from actors.envs.world import AgentStep, World
 from common.actions import Keys
 
@@ -236,13 +236,13 @@ def test_an_episode_begins_without_what_was_missed_of_the_one_before(
 def test_a_world_that_nobody_attends_to_stops(hand: HandTime, run: Callable[..., RealTime]) -> None:
     world = CountingWorld()
     clock = run(world)
-    hand.go_on(10 * MOST_MISSED * AGENT_STEP)
-    assert world.frames == MOST_MISSED * SKIP
+    hand.go_on(10 * MAX_MISSED * AGENT_STEP)
+    assert world.frames == MAX_MISSED * SKIP
     hand.settle()
-    assert len(clock.command(0)) == MOST_MISSED
+    assert len(clock.command(0)) == MAX_MISSED
     # And goes on from there in time, without making up for the pause.
     hand.go_on(AGENT_STEP)
-    assert numbers(clock.pass_agent_step()) == [MOST_MISSED + 1]
+    assert numbers(clock.pass_agent_step()) == [MAX_MISSED + 1]
 
 
 def test_a_world_that_breaks_is_not_waited_for() -> None:

@@ -11,7 +11,7 @@ from actors.envs.actuation_delay import ActuationDelay
 from actors.envs.key_watch import KeyWatch
 from actors.envs.robot import RobotEnv
 from common.actions import Keys
-from common.press_latency import COUNTS, MOST_FRAMES, KeyLatency, ms_of, place_of
+from common.press_latency import COUNTS, MAX_FRAMES, KeyLatency, ms_of, place_of
 from common.run.conditions import PlayConfig
 from tests.paths import ROOT
 
@@ -22,7 +22,7 @@ PLACES: dict[int, Outcome] = {
     place_of(goal, reached, frames): (goal, "reached" if reached else "given up", frames)
     for goal in ("release", "press")
     for reached in (True, False)
-    for frames in range(1, MOST_FRAMES + 1)
+    for frames in range(1, MAX_FRAMES + 1)
 }
 
 
@@ -87,8 +87,8 @@ def test_a_superseded_command_is_given_up_at_its_age() -> None:
 
 
 def test_nobody_is_watched_for_ever() -> None:
-    assert watched([(UP, [NONE] * 50 + [UP])]) == [("press", "given up", MOST_FRAMES)]
-    assert watched([(UP, [NONE] * (MOST_FRAMES - 1) + [UP])]) == [("press", "reached", MOST_FRAMES)]
+    assert watched([(UP, [NONE] * 50 + [UP])]) == [("press", "given up", MAX_FRAMES)]
+    assert watched([(UP, [NONE] * (MAX_FRAMES - 1) + [UP])]) == [("press", "reached", MAX_FRAMES)]
 
 
 def test_a_command_on_its_way_is_watched_from_its_giving_and_not_given_up_for_the_next() -> None:
@@ -118,7 +118,7 @@ def test_a_restart_forgets_what_is_on_its_way() -> None:
 
 @pytest.mark.parametrize(
     ("waits", "outcome"),
-    [(MOST_FRAMES - 1, "reached"), (MOST_FRAMES, "given up"), (MOST_FRAMES + 9, "given up")],
+    [(MAX_FRAMES - 1, "reached"), (MAX_FRAMES, "given up"), (MAX_FRAMES + 9, "given up")],
 )
 def test_a_wait_counts_as_time(waits: int, outcome: str) -> None:
     watch = KeyWatch()
@@ -127,7 +127,7 @@ def test_a_wait_counts_as_time(waits: int, outcome: str) -> None:
         watch.frame(NONE)
     watch.command(UP, NONE)
     watch.frame(UP)
-    assert told(watch) == [("press", outcome, MOST_FRAMES)]
+    assert told(watch) == [("press", outcome, MAX_FRAMES)]
 
 
 def test_of_commands_that_arrive_in_one_frame_only_the_last_is_watched() -> None:

@@ -59,9 +59,9 @@ def test_corners_and_frames_from_random_poses(case: Case) -> None:
     figures = together.figures()
     assert figures["pictures"] == len(looks) == 15
     assert figures["found"] == 1.0
-    assert figures["p50_px"] <= figures["p95_px"] <= figures["max_px"] <= sight.MOST_PIXELS
+    assert figures["p50_px"] <= figures["p95_px"] <= figures["max_px"] <= sight.MAX_PIXELS
     if case.eye == PERFECT:
-        assert tallies["pong"].figures()["difference"] <= sight.MOST_DIFFERENCE
+        assert tallies["pong"].figures()["difference"] <= sight.MAX_DIFFERENCE
 
 
 @pytest.mark.parametrize(
@@ -72,7 +72,7 @@ def test_a_screen_behind_an_arm_is_where_it_was(eye: Eye, poses: int, least: flo
     tallies = measure(case, ("pong", "breakout"), poses, np.random.default_rng(4))
     figures = sum(tallies.values(), Tally()).figures()
     assert figures["found"] >= least
-    assert figures["p95_px"] <= sight.MOST_PIXELS
+    assert figures["p95_px"] <= sight.MAX_PIXELS
 
 
 def test_corners_of_the_room_are_where_a_white_game_ends() -> None:

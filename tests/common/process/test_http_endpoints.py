@@ -81,7 +81,7 @@ def test_beyond_loopback_any_name_will_do() -> None:
 def test_those_who_connect_and_say_nothing_are_bounded(
     address: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(http_server, "_MOST_CONNECTIONS", 8)
+    monkeypatch.setattr(http_server, "_MAX_CONNECTIONS", 8)
     before = threading.active_count()
     silent = [socket.create_connection(check_address(address), PATIENCE) for _ in range(20)]
     for each in silent[8:]:

@@ -78,7 +78,7 @@ def test_a_warning_is_still_on_the_terminal(tmp_path: Path) -> None:
 
 
 def test_the_kept_log_is_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(log_lines, "_MOST_BYTES", 2_000)
+    monkeypatch.setattr(log_lines, "_MAX_BYTES", 2_000)
     with kept_log(tmp_path / "log", "x") as keep:
         for index in range(200):
             keep(f"event {index}")

@@ -71,7 +71,7 @@ def test_of_invented_names_less_is_admitted_than_of_two_actors_however_much_each
 def test_a_name_in_use_keeps_its_place_and_one_that_is_silent_gives_it_up(
     clock: Clock, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(leaky_bucket, "_MOST_NAMES", 2)
+    monkeypatch.setattr(leaky_bucket, "_MAX_NAMES", 2)
     quota = LeakyBucket(64.0, clock)
     assert quota.admits("silent")
     assert quota.admits("at work")

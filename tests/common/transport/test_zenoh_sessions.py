@@ -18,7 +18,7 @@ from common.errors import InputError, Unreachable
 from common.protocol.run_keys import RunKeys
 from common.protocol.wire import MAX_MESSAGE_BYTES
 from common.transport import hub_sockets, zenoh_entities, zenoh_sessions, zenoh_transport
-from common.transport.access_control import MOST_SESSIONS
+from common.transport.access_control import MAX_SESSIONS
 from common.transport.checksum import seal
 from common.transport.endpoint import DEFAULT_ENDPOINT, check_endpoint, is_loopback
 from common.transport.interface import Envelope, Request, Unanswered
@@ -93,14 +93,14 @@ def test_a_hub_asks_for_as_many_files_as_it_needs(
     with open_hub(endpoint):
         most, possible = resource.getrlimit(resource.RLIMIT_NOFILE)
         assert most == min(16_384, possible) > few_files
-    assert ("takes at most" in caplog.text) == (most * 3 // 8 < MOST_SESSIONS)
+    assert ("takes at most" in caplog.text) == (most * 3 // 8 < MAX_SESSIONS)
 
 
 def test_a_hub_that_gets_few_files_takes_fewer_processes_and_says_so(
     few_files: int, endpoint: str, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setattr(hub_sockets, "_MOST_FILES", 8)
-    monkeypatch.setattr(zenoh_sessions, "MOST_SESSIONS", 400)
+    monkeypatch.setattr(hub_sockets, "_MAX_FILES", 8)
+    monkeypatch.setattr(zenoh_sessions, "MAX_SESSIONS", 400)
     with open_hub(endpoint):
         assert resource.getrlimit(resource.RLIMIT_NOFILE)[0] == few_files
     told = f"{endpoint} takes at most 384 processes, because this one may have 1024 open files"

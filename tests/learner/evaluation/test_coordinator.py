@@ -14,7 +14,7 @@ from common.protocol.evaluation import EvaluationJob, EvaluationReport
 from common.run.config import ProtocolConfig
 from learner.evaluation.coordinator import (
     HANGS,
-    MOST_WAITING,
+    MAX_WAITING,
     NEWCOMER,
     EpochTest,
     EvaluationCoordinator,
@@ -352,13 +352,13 @@ def test_best_weights_that_somebody_removed_end_no_run(
 
 def test_all_snapshots_are_kept_where_that_is_asked_for(tmp_path: Path) -> None:
     place = Place(tmp_path, keep=True)
-    for epoch in range(1, MOST_WAITING + 3):
+    for epoch in range(1, MAX_WAITING + 3):
         place.coordinator.add(epoch_test(epoch), f"weights of {epoch}".encode())
     place.coordinator.settle(replace(epoch_test(1), scores=[3.0]), None)
     place.coordinator.settle(replace(epoch_test(2), scores=[1.0]), 3.0)
     place.coordinator.sweep()
     kept = {path.name: path.read_bytes() for path in tmp_path.glob("*.safetensors")}
-    names = {f"epoch-{epoch:04d}.safetensors" for epoch in range(1, MOST_WAITING + 3)}
+    names = {f"epoch-{epoch:04d}.safetensors" for epoch in range(1, MAX_WAITING + 3)}
     assert kept.keys() == {*names, "best.safetensors"}
     assert kept["best.safetensors"] == kept["epoch-0001.safetensors"] == b"weights of 1"
 

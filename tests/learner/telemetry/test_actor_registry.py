@@ -228,7 +228,7 @@ def test_chunks_that_are_stored_twice_are_told_while_their_actor_lives(told: Tol
 def test_names_are_bounded_and_totals_are_not_lost(
     told: Told, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(module, "_MOST_GONE", 3)
+    monkeypatch.setattr(module, "_MAX_GONE", 3)
     for number in range(10):
         told.say(name=f"a{number}", incarnation=100 + number, made=number, leaving=number % 2 == 0)
     told.say(name="a9", incarnation=200)  # replaces the other of its name
@@ -253,7 +253,7 @@ def test_names_are_bounded_and_totals_are_not_lost(
 def test_chunks_that_come_after_their_process_was_folded_are_counted_once(
     told: Told, hub: Transport, monkeypatch: pytest.MonkeyPatch, leaving: bool
 ) -> None:
-    monkeypatch.setattr(module, "_MOST_GONE", 0)
+    monkeypatch.setattr(module, "_MAX_GONE", 0)
     told.say(made=10, refused=1, leaving=leaving)
     credit(told.registry, 7)
     told.now += 100.0
@@ -277,7 +277,7 @@ def test_what_an_earlier_checkpoint_kept_of_folded_processes_is_read(told: Told)
 def test_totals_of_folded_processes_survive_a_checkpoint(
     told: Told, hub: Transport, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(module, "_MOST_GONE", 1)
+    monkeypatch.setattr(module, "_MAX_GONE", 1)
     for number in range(5):
         told.say(name=f"a{number}", incarnation=100 + number, leaving=True)
     credit(told.registry, 12, incarnation=101)
@@ -295,8 +295,8 @@ def test_totals_of_folded_processes_survive_a_checkpoint(
 def test_what_is_remembered_of_folded_processes_is_bounded(
     told: Told, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(module, "_MOST_GONE", 0)
-    monkeypatch.setattr(module, "_MOST_KNOWN", 2)
+    monkeypatch.setattr(module, "_MAX_GONE", 0)
+    monkeypatch.setattr(module, "_MAX_KNOWN", 2)
     for number in range(5):
         told.say(name=f"a{number}", incarnation=100 + number)
         told.now += 100.0
@@ -334,7 +334,7 @@ def test_one_that_is_heard_before_the_checkpoint_is_restored_keeps_its_chunks(
 def test_a_chunk_in_the_name_of_a_folded_evaluator_ends_nothing(
     told: Told, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(module, "_MOST_GONE", 0)
+    monkeypatch.setattr(module, "_MAX_GONE", 0)
     told.say(name="e", role="evaluator", made=0)
     told.now += 100.0
     assert chunks(told.registry)[0] == 0
@@ -361,7 +361,7 @@ def test_one_that_is_back_at_once_was_not_lost(told: Told) -> None:
 def test_one_that_is_present_is_kept_however_long_it_is_silent(
     told: Told, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(module, "_MOST_GONE", 0)
+    monkeypatch.setattr(module, "_MAX_GONE", 0)
     told.registry._on_presence(KEYS.live("actor", "a1"), True)
     told.say()
     told.now += 1_000.0
@@ -374,7 +374,7 @@ def test_one_that_is_present_is_kept_however_long_it_is_silent(
 def test_a_flood_of_starts_neither_grows_the_checkpoint_nor_hides_the_living(
     told: Told, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(module, "_MOST_KNOWN", 8)
+    monkeypatch.setattr(module, "_MAX_KNOWN", 8)
     told.registry._on_presence(KEYS.live("actor", "good"), True)
     told.say(name="good", incarnation=1)
     for number in range(1_000):
@@ -386,7 +386,7 @@ def test_a_flood_of_starts_neither_grows_the_checkpoint_nor_hides_the_living(
 
 
 def test_only_names_are_known_and_only_so_many(told: Told, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "_MOST_KNOWN", 8)
+    monkeypatch.setattr(module, "_MAX_KNOWN", 8)
     told.say(name="a b")
     told.registry._on_presence(KEYS.live("actor", "x" * 65), True)
     assert told.registry.actors() == ()

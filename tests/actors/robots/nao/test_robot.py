@@ -10,7 +10,7 @@ from actors.robots.nao.robot import Nao
 from actors.robots.room import scene
 from actors.robots.room import viewpoint as module
 from actors.robots.room.camera import Camera, Rendering
-from actors.robots.room.viewpoint import _MOST_KEPT, VISITOR
+from actors.robots.room.viewpoint import _MAX_KEPT, VISITOR
 from actors.vision.window import Window
 from common.actions import KEYS_OF_ACTION, Keys
 
@@ -105,7 +105,7 @@ def test_a_view_that_turns_keeps_its_distance_and_is_not_kept_for_ever(room: Nao
     assert sum(key == (VISITOR, 32, 24) for key in views) == 1  # those before do not come again
     for width in range(20):
         room.view(GAME, 40 + width, 24)
-    assert len(views) == _MOST_KEPT
+    assert len(views) == _MAX_KEPT
     kept = room.view(GAME, 32, 24, moved=False)  # rendered anew, for it was dropped
     assert np.array_equal(kept, room.view(GAME, 32, 24))
 

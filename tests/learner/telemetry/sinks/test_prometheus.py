@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from common.protocol.actor_stats import ActorStats
 from common.protocol.run_status import HealthCheck
 from learner.telemetry.health_checks import LONGEST_SILENCE
-from learner.telemetry.sinks.prometheus import MOST_ACTORS, PrometheusSink
+from learner.telemetry.sinks.prometheus import MAX_ACTOR_SERIES, PrometheusSink
 from learner.telemetry.snapshot import ActorView
 from tests.clock import Clock
 from tests.learner.telemetry.snapshots import snapshot
@@ -66,8 +66,8 @@ def test_actors_by_name_and_role() -> None:
 
 def test_however_many_come_the_series_are_bounded_and_the_living_come_first() -> None:
     sink = PrometheusSink()
-    dead = tuple(actor(f"d{i}", alive=False) for i in range(MOST_ACTORS + 10))
+    dead = tuple(actor(f"d{i}", alive=False) for i in range(MAX_ACTOR_SERIES + 10))
     sink.write(snapshot({}, actors=(*dead, actor("z"))))
     told = [labels["actor"] for labels, _ in samples(sink, "ale_robot_actor_alive")]
-    assert (len(told), told[0]) == (MOST_ACTORS, "z")
+    assert (len(told), told[0]) == (MAX_ACTOR_SERIES, "z")
     assert samples(sink, "ale_robot_actors_omitted_processes") == [({}, 11)]

@@ -282,7 +282,7 @@ def test_a_tracker_whose_factory_is_misspelt_is_refused() -> None:
 def test_a_tracker_that_hangs_holds_up_nobody_and_loses_points(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setattr(module, "_MOST_WAITING", 3)
+    monkeypatch.setattr(module, "_MAX_WAITING", 3)
     monkeypatch.setattr(module, "_FAREWELL", 0.05)
     let_go = threading.Event()
     program = Program(hangs=let_go)
@@ -304,7 +304,7 @@ def test_a_tracker_that_hangs_holds_up_nobody_and_loses_points(
 def test_a_tracker_that_fails_behind_many_points_holds_up_no_end(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setattr(module, "_MOST_WAITING", 3)
+    monkeypatch.setattr(module, "_MAX_WAITING", 3)
     monkeypatch.setattr(module, "_FAREWELL", PATIENCE)
     let_go = threading.Event()
     program = Program(hangs=let_go)

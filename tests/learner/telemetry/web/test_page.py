@@ -295,7 +295,7 @@ def test_who_connects_and_asks_nothing_keeps_nobody_out(
     place: Place, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(http_server, "_SLOWEST", 0.2)
-    monkeypatch.setattr(http_server, "_MOST_CONNECTIONS", 4)
+    monkeypatch.setattr(http_server, "_MAX_CONNECTIONS", 4)
     place.page.start(None)
     there = ("127.0.0.1", place.port)
     slow = [socket.create_connection(there, PATIENCE) for _ in range(6)]
@@ -318,7 +318,7 @@ def test_who_connects_and_asks_nothing_keeps_nobody_out(
 
 def test_connections_are_bounded(place: Place, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(http_server, "_SLOWEST", PATIENCE)
-    monkeypatch.setattr(http_server, "_MOST_CONNECTIONS", 4)
+    monkeypatch.setattr(http_server, "_MAX_CONNECTIONS", 4)
     place.page.start(None)
     silent = [socket.create_connection(("127.0.0.1", place.port), PATIENCE) for _ in range(6)]
     for each in silent[4:]:
