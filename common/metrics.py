@@ -75,7 +75,7 @@ class Metric:
     """Its name everywhere, as ``group/name``."""
     unit: Unit
     form: str
-    """How it is written for people: a name in `learner.telemetry.sinks.formats.FORMS`."""
+    """How it is written for people: a name in `learner.telemetry.formats.FORMS`."""
     meaning: str
     """One sentence, without a full stop."""
     label: str = ""

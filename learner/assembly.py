@@ -14,7 +14,6 @@ from common.transport.signature import Sign
 from learner.algorithm.interface import Algorithm
 from learner.broadcast import Broadcast
 from learner.checkpoint import Checkpoint
-from learner.clock import RunClock
 from learner.demonstrations import Begun
 from learner.device import Device
 from learner.evaluation.coordinator import EvaluationCoordinator
@@ -25,6 +24,7 @@ from learner.loss_guard import LossGuard
 from learner.options import LearnerOptions, clock_figures, join_command
 from learner.phases import Phases
 from learner.prefetch import Prefetcher, to_device
+from learner.run_clock import RunClock
 from learner.telemetry.actor_registry import ActorRegistry
 from learner.telemetry.held_out import HeldOut
 from learner.telemetry.live_feed import LiveFeed

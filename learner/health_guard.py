@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from common.protocol.run_status import HealthCheck
 from common.schedule import Now
 from learner.phases import JUDGED_CHUNKS
-from learner.telemetry.sinks import formats
+from learner.telemetry import formats
 
 RED_MINUTES = 5.0
 STALL_MINUTES = 10.0

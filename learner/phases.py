@@ -11,8 +11,8 @@ from common.metrics import Value
 from common.protocol.run_keys import DEMONSTRATIONS
 from common.run.config import RunConfig
 from common.run.epochs import EpochRow
-from learner.clock import RunClock
 from learner.evaluation.coordinator import EpochTest
+from learner.run_clock import RunClock
 from replay.chunk_statistics import ChunkStatistics
 
 if TYPE_CHECKING:  # as in `learner.device`

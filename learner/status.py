@@ -26,8 +26,7 @@ from common.transport.chosen import connect
 from common.transport.endpoint import DEFAULT_ENDPOINT
 from common.transport.interface import Transport
 from common.version import VERSION
-from learner.telemetry.health_checks import reasons
-from learner.telemetry.sinks.formats import (
+from learner.telemetry.formats import (
     UNKNOWN,
     decimal,
     ended,
@@ -37,6 +36,7 @@ from learner.telemetry.sinks.formats import (
     one_line,
     written,
 )
+from learner.telemetry.health_checks import reasons
 from replay.chunk_statistics import Progress
 from replay.messages import ProgressRequest
 

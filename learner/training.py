@@ -23,7 +23,6 @@ from common.schedule import Every
 from learner.algorithm.interface import Algorithm
 from learner.broadcast import Broadcast
 from learner.checkpoint import Checkpoint
-from learner.clock import RunClock
 from learner.evaluation.coordinator import EvaluationCoordinator
 from learner.farewell import LOOK_SECONDS, Farewell
 from learner.health_guard import HealthGuard
@@ -31,6 +30,7 @@ from learner.insist import insist
 from learner.loss_guard import LossGuard
 from learner.phases import Phases
 from learner.prefetch import Prefetched, Prefetcher
+from learner.run_clock import RunClock
 from learner.telemetry.actor_registry import ActorRegistry
 from learner.telemetry.held_out import HeldOut
 from learner.telemetry.snapshot import Phase

@@ -13,7 +13,7 @@ from common.minus import points
 from common.press_latency import KeyLatency
 from common.run.clock import ClockConfig
 from learner.evaluation.scores import Scores
-from learner.telemetry.sinks.formats import decimal, written
+from learner.telemetry.formats import decimal, written
 
 ENDING = 800
 """Agent steps at the end of a game, 53 s of play: games are compared by them, and as a whole."""

@@ -8,7 +8,7 @@ import pytest
 
 import common.protocol.actor_stats  # noqa: F401  # declares the totals of counters
 from common.metrics import METRICS, Metric, Unit, declare
-from learner.telemetry.sinks.formats import FORMS
+from learner.telemetry.formats import FORMS
 
 
 @pytest.mark.parametrize("metric", METRICS.values(), ids=METRICS)

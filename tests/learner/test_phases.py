@@ -10,8 +10,8 @@ from common.protocol.chunk import Game
 from common.protocol.run_keys import DEMONSTRATIONS
 from common.run.config import ProtocolConfig, ReplayConfig, RunConfig
 from common.run.epochs import EpochRow
-from learner.clock import RunClock
 from learner.phases import Phases, epochs_per_day
+from learner.run_clock import RunClock
 from replay.chunk_statistics import ChunkStatistics
 
 CONFIG = replace(

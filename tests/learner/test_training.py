@@ -29,10 +29,10 @@ from common.run.config import RunConfig
 from common.run.presets import PRESETS
 from learner.algorithm.interface import Update
 from learner.broadcast import Broadcast
-from learner.clock import RunClock
 from learner.health_guard import HealthGuard
 from learner.loss_guard import LossGuard
 from learner.phases import Phases
+from learner.run_clock import RunClock
 from learner.telemetry.snapshot import ActorView
 from learner.training import Learner
 from replay.chunk_statistics import ChunkStatistics, Progress

@@ -21,9 +21,9 @@ from common.process.output import silence
 from common.process.progress import PLAIN_SECONDS
 from common.protocol.live_view import ViewRequest
 from common.schedule import Every, Now
+from learner.telemetry import formats
+from learner.telemetry.formats import fill, troubles
 from learner.telemetry.live_feed import Asked, LiveFeed
-from learner.telemetry.sinks import formats
-from learner.telemetry.sinks.formats import fill, troubles
 from learner.telemetry.sinks.live_picture import LivePicture
 from learner.telemetry.sinks.screen import Screen, picture_width
 from learner.telemetry.sinks.sink import Sink

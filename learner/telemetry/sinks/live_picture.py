@@ -17,7 +17,7 @@ from common.minus import points
 from common.protocol.actor_stats import ActorStats
 from common.protocol.live_view import LiveView
 from common.q_bars import q_bars
-from learner.telemetry.sinks import formats
+from learner.telemetry import formats
 
 _HALF = "▀"
 _CELLS_ASPECT = 8 / 3

@@ -20,8 +20,8 @@ from common.metrics import Metric, Values, number
 from common.protocol.actor_stats import TOTALS
 from common.protocol.run_status import HealthCheck
 from common.registry import ENVIRONMENTS
-from learner.telemetry.sinks import formats
-from learner.telemetry.sinks.formats import figure, label_and_text, panels_of, progress_of, troubles
+from learner.telemetry import formats
+from learner.telemetry.formats import figure, label_and_text, panels_of, progress_of, troubles
 from learner.telemetry.sinks.live_picture import LivePicture
 from learner.telemetry.snapshot import ActorView, Snapshot
 

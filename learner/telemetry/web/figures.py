@@ -7,7 +7,7 @@ from common.metrics import METRICS, Metric, Value, Values, number
 from common.protocol.actor_stats import TOTALS
 from common.registry import ENVIRONMENTS
 from common.strict_json import strict
-from learner.telemetry.sinks import formats
+from learner.telemetry import formats
 from learner.telemetry.snapshot import ActorView, Snapshot
 
 _UNSAID = ("none", "ratio", "per second")

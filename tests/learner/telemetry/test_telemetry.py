@@ -18,8 +18,8 @@ from common.protocol.actor_stats import ActorStats
 from common.run.epochs import EpochTable
 from common.run.presets import PRESETS
 from common.transport.interface import Envelope, Transport
-from learner.clock import RunClock
 from learner.phases import Phases
+from learner.run_clock import RunClock
 from learner.telemetry.actor_registry import ActorRegistry
 from learner.telemetry.sinks.gates_csv import GatesCsvSink
 from learner.telemetry.sinks.sink import Sink

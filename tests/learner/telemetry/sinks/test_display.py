@@ -23,8 +23,9 @@ from common.protocol.actor_stats import ActorStats
 from common.protocol.run_status import HealthCheck
 from common.run.conditions import PlayConfig
 from common.run.presets import PRESETS
+from learner.telemetry import formats
 from learner.telemetry.health_checks import judge
-from learner.telemetry.sinks import formats, screen
+from learner.telemetry.sinks import screen
 from learner.telemetry.sinks.display import LiveDisplay, PlainDisplay, open_display
 from learner.telemetry.sinks.screen import Screen
 from learner.telemetry.snapshot import ActorView, Snapshot

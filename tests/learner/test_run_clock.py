@@ -1,6 +1,6 @@
 """The run's clock."""
 
-from learner.clock import RunClock
+from learner.run_clock import RunClock
 from tests.common.test_schedule import Now
 
 
