@@ -92,7 +92,7 @@ _Line = tuple[NDArray[np.float64], float]
 def _strongest(
     starts: NDArray[np.float64], ways: NDArray[np.float64], lengths: NDArray[np.float64]
 ) -> list[_Line]:
-    """Returns the lines with the longest outline among one side's pieces, longest first."""
+    """Returns the lines with the longest outline among one side's pieces."""
     lines: list[_Line] = []
     left = np.ones(len(starts), bool)
     ends = starts + ways
@@ -109,7 +109,7 @@ def _strongest(
             offset = normal @ (px, py)
         lines.append((np.array([*normal, -offset]), float(lengths[on].sum())))
         left &= ~on
-    return sorted(lines, key=lambda line: -line[1])
+    return lines
 
 
 def _plausible(quad: NDArray[np.float32], width: int, height: int) -> bool:

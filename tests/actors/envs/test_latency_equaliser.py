@@ -110,15 +110,21 @@ def test_hands_that_are_slow_to_press_release_in_time(press: int, actions: list[
     assert [felt[now] for now in last] == [due[now] for now in last]
 
 
-def test_a_command_that_waited_is_timed_from_when_it_was_given() -> None:
+def test_a_slow_press_begins_no_sooner_than_the_keys_before_it_may_be_left() -> None:
+    """After a rest that is a frame before it is due, and in play two."""
+    assert equal(2, press=5)._keys_by_latency == {HandLatency(2, 2 + 1, 2 + 2): int(ALL)}
+
+
+@pytest.mark.parametrize("latency", [EQUAL, MAX_ADDED])
+def test_a_command_that_waited_is_timed_from_when_it_was_given(latency: int) -> None:
     """A press counts from the first command of its key, a release from the first without it."""
     moments: list[int] = []
-    prompt = LatencyEqualiser(hands(), EQUAL, give=lambda ago: moments.append(frame - ago))
+    prompt = LatencyEqualiser(hands(), latency, give=lambda ago: moments.append(frame - ago))
     prompt.rest()
-    for frame in range(40):
-        prompt.command(Keys.UP if 3 <= frame < 11 else Keys.NONE)
+    for frame in range(latency + 28):
+        prompt.command(Keys.UP if 3 <= frame < 11 else Keys.DOWN if 11 <= frame < 19 else Keys.NONE)
         prompt.step_frame()
-    assert moments == [3, 11]
+    assert moments == [3, 11, 11, 19]  # UP, neither, DOWN, neither
 
 
 UNEVEN = {
@@ -223,7 +229,8 @@ def test_what_is_seen_late_leaves_the_hands_less_time() -> None:
 
 def test_hands_that_no_one_has_timed_count_as_without_latency() -> None:
     new = LatencyEqualiser(hands(latency=3), EQUAL)
-    assert play(new, [2, 0, 1]) == schedule([2, 0, 1], EQUAL + 3)
+    actions = [2, 0, 1, 3, *[0] * 5]  # nothing is held before the 16th frame
+    assert play(new, actions) == schedule(actions, EQUAL + 3)
 
 
 def test_the_game_knows_nothing_of_the_timing_before_it() -> None:

@@ -332,6 +332,19 @@ def test_ambient_light_lifts_the_screen_above_the_black_of_other_objects(
     assert _error(detection.corners, pose) <= 1.5
 
 
+@pytest.mark.parametrize("cable", [False, True])
+def test_the_largest_of_several_screens_is_the_one(screens: Screens, cable: bool) -> None:
+    """Even if a cable makes the dark region of the smaller one the larger region."""
+    large, small = Pose((0.67, 0.0, -2.6)), Pose((-1.32, 0.0, -4.0))
+    picture = np.minimum(*(_photograph(pose, screens["black"]) for pose in (large, small)))
+    if cable:
+        picture[149:, 250:254] = picture[230:234, 20:254] = 0
+    for expected in (large, small):
+        seen = _digital(picture, np.random.default_rng(17))
+        assert _error(ScreenDetector().detect(seen).corners, expected) <= 1.5
+        picture[:220, :160] = 190  # the large one is covered
+
+
 def test_a_screen_cut_off_by_the_pictures_edge_is_not_detected(screens: Screens) -> None:
     pose = Pose(position=(0.75, 0.0, -1.6))
     picture = _photograph(pose, screens["pong"])
