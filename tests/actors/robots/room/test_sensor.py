@@ -248,6 +248,13 @@ def test_a_lens_shows_things_where_browns_formula_says() -> None:
         assert np.linalg.norm(pinhole - place) < 0.4
 
 
+def test_a_corner_by_hand() -> None:
+    """It is 159.5 and 119.5 from the middle: k₁r'² = 0.08 · (159.5² + 119.5²) / 160² = 0.12413."""
+    lens = Lens(0.08, (320, 240))
+    assert np.allclose(lens.unbend(np.zeros((1, 2))), [[-19.798, -14.833]], atol=1e-3)
+    assert lens.margin == (20, 15)
+
+
 def test_a_lens_bends_and_unbends_back() -> None:
     lens = Lens(0.1, SIZE)
     points = np.random.default_rng(0).uniform((0, 0), (319, 239), (200, 2))
