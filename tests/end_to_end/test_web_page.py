@@ -170,6 +170,20 @@ def test_a_person_sees_the_robots_play_and_the_curves_grow(stage: Stage, browser
     }
     assert browser.complaints == []
 
+    def finish(route: Any) -> None:
+        answer = route.fetch()
+        state = answer.json()
+        state["run"]["phase"], state["actors"] = "finishing", []
+        route.fulfill(response=answer, json=state)
+
+    browser.page.route("**/state?*", finish)
+    browser.until(lambda: browser.text("#link") == "finishing", "the run has its steps")
+    browser.until(lambda: browser.text("#silence") == "Nobody plays now.", "its actors have left")
+    browser.page.route("**/state?*", lambda route: route.abort())
+    browser.until(lambda: browser.text("#link") == "the run has ended", "it needs no answer now")
+    browser.page.unroute("**/state?*")
+    browser.until(lambda: browser.text("#link") in ("warm-up", "training"), "it answers again")
+
     learner.send(signal.SIGINT)
     learner.ends()
     browser.until(lambda: "no answer" in browser.text("#link"), "the page says that the run ended")

@@ -30,15 +30,18 @@ const pause = ms => new Promise(done => setTimeout(done, ms));
 // ---------------------------------------------------------------- figures and curves
 
 async function watchRun() {
+  let phase = "";
   for (;;) {
     try {
       const state = await ask(`/state?version=${curves.version}&count=${curves.count}`);
       if (state.run) show(state);
-      text("link", state.run ? state.run.phase : "starting …");
+      phase = state.run ? state.run.phase : "starting …";
+      text("link", phase);
       $("link").className = "on";
     } catch {
-      text("link", "no answer: has the run ended?");
-      $("link").className = "off";
+      const finished = phase === "finishing";  // it had all its steps
+      text("link", finished ? "the run has ended" : "no answer: has the run ended?");
+      $("link").className = finished ? "" : "off";
     }
     await pause(STATE_EVERY);
   }
@@ -202,7 +205,7 @@ async function watchActor() {
       } catch {
         silent("It shows nothing.");
       }
-    } else if (!who) silent("Nobody plays yet.");
+    } else if (!who) silent("Nobody plays now.");
     await pause(asked === "none" ? VIEW_EVERY : ROOM_EVERY);
   }
 }
