@@ -116,15 +116,34 @@ def test_a_slow_press_begins_no_sooner_than_the_keys_before_it_may_be_left() -> 
 
 
 @pytest.mark.parametrize("latency", [EQUAL, MAX_ADDED])
-def test_a_command_that_waited_is_timed_from_when_it_was_given(latency: int) -> None:
-    """A press counts from the first command of its key, a release from the first without it."""
+@pytest.mark.parametrize(
+    ("release", "press", "seen_late", "turns"),
+    [
+        (0, 0, 0, [11, 11]),  # neither, DOWN
+        (3, 3, 0, [11, 11]),
+        (5, 6, 0, [11]),
+        (0, 0, 4, [11, 11]),
+        (2, 5, 0, [11]),  # hands that press so slowly set out for DOWN before they may leave UP
+        (2, 5, 4, [11]),
+    ],
+)
+def test_a_command_that_waited_is_timed_from_when_it_was_given(
+    latency: int, release: int, press: int, seen_late: int, turns: list[int]
+) -> None:
+    """A press counts from the first command of its key, a release from the first without it,
+    however soon the hands have to set out for it."""
     moments: list[int] = []
-    prompt = LatencyEqualiser(hands(), latency, give=lambda ago: moments.append(frame - ago))
+    frame = 0
+    own = UnevenHands(dict.fromkeys(ALL, (release, press)))
+    prompt = LatencyEqualiser(own, latency, give=lambda ago: moments.append(frame - ago))
+    prompt.time(ALL)
     prompt.rest()
+    prompt.seen_late = seen_late
+    moments.clear()
     for frame in range(latency + 28):
         prompt.command(Keys.UP if 3 <= frame < 11 else Keys.DOWN if 11 <= frame < 19 else Keys.NONE)
         prompt.step_frame()
-    assert moments == [3, 11, 11, 19]  # UP, neither, DOWN, neither
+    assert moments == [3, *turns, 19]  # UP and, in the end, neither
 
 
 UNEVEN = {
