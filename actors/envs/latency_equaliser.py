@@ -92,8 +92,11 @@ class LatencyEqualiser:
                 self._held_in(frames)
                 for frames in range(min(release, press), max(release, press) + 1)
             ]
+            # Held first, in play it was commanded `GAP` + `TRAVEL` frames before; at rest, `GAP`.
             moving = [
-                self._held_in(frames) & self._seen_in(frames - GAP - TRAVEL)
+                self._held_in(frames)
+                & ~self._held_in(frames - TRAVEL)
+                & self._seen_in(frames - GAP - TRAVEL)
                 for frames in range(press + 1, in_play + 1)
             ]
             keys &= reduce(or_, moving, reduce(or_ if press > release else and_, coming))

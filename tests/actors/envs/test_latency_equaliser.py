@@ -146,6 +146,16 @@ def test_a_command_that_waited_is_timed_from_when_it_was_given(
     assert moments == [3, *turns, 19]  # UP and, in the end, neither
 
 
+@pytest.mark.parametrize("release", [4, 9])
+def test_a_hand_at_rest_sets_out_no_sooner_because_it_is_slow_in_play(release: int) -> None:
+    """A key that is commanded again before it is released counts as two frames later than that."""
+    waiting = LatencyEqualiser(UnevenHands({Keys.UP: (release, 1)}), EQUAL)
+    waiting.time(Keys.UP)
+    waiting.rest()
+    assert waiting._keys_by_latency == {HandLatency(release, 1, release + 2): int(Keys.UP)}
+    assert play(waiting, [2] * 8) == schedule([2] * 8, EQUAL)
+
+
 UNEVEN = {
     Keys.LEFT: (5, 6), Keys.RIGHT: (0, 0), Keys.UP: (3, 1), Keys.DOWN: (0, 2), Keys.FIRE: (2, 2),
 }  # fmt: skip
@@ -198,7 +208,7 @@ def due(told: list[int], lead: int, got: int, latencies: dict[HandLatency, int])
             either, both = either | held_in(frames), both & held_in(frames)
         wanted = either if press > release else both
         for frames in range(press + 1, in_play + 1):
-            wanted |= held_in(frames) & seen_in(frames - 2)
+            wanted |= held_in(frames) & ~held_in(frames - 1) & seen_in(frames - 2)
         wanted &= keys
         for pair in (0b0011, 0b1100):
             if set_out & pair:
