@@ -2,8 +2,8 @@
 
 The code that knows a figure puts it into a mapping of key to value. The learner merges these
 mappings and gives the result to every sink, which shows what this table tells it to. A new figure
-is one line here and the line that computes it. Totals of the actors' counters are declared beside
-the counters themselves, in `common.protocol.actor_stats`.
+is one line here and the line that computes it. The actors' counters declare their totals
+themselves, in `common.protocol.actor_stats`.
 """
 
 import operator
@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from common.press_latency import ms_of
+from common.protocol.actor_stats import COUNTERS
 
 Value = float | int | str | None
 """None while the value is unknown."""
@@ -354,3 +355,4 @@ for _goal, _until in (("press", "command is down"), ("release", "previous comman
             if f"{_group}/{_goal}_{_name}" not in METRICS
         ))
 # fmt: on
+declare(*(Metric(form="count", counter=True, **declared) for declared in COUNTERS.values()))

@@ -11,7 +11,6 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any
 
-import common.protocol.actor_stats  # noqa: F401  # declares the totals of counters
 from common.exposition import name_of
 from common.metrics import METRICS, Metric
 from learner.telemetry.sinks.prometheus import CHECK, OMITTED, PER_ACTOR

@@ -9,7 +9,6 @@ from dataclasses import fields
 from itertools import groupby
 from pathlib import Path
 
-import common.protocol.actor_stats  # noqa: F401  # declares the totals of counters
 from common.metrics import METRICS, Metric
 from common.run.epochs import EpochRow
 from common.run.meanings import docstrings

@@ -1,16 +1,17 @@
 """`ActorStats`: an actor's report about itself, once a second and when it leaves.
 
 A counter is declared once, as a field of `ActorStats`. The actor adds to it, the message carries
-it, and the learner's registry sums it over all processes of the run.
+it, the learner's registry sums it over all processes of the run, and `common.metrics` has the total
+in its table of figures.
 """
 
 import dataclasses
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from common.checked import Amount, Count, Name, Values
 from common.errors import MessageError
-from common.metrics import Metric, Unit, declare
 from common.press_latency import COUNTS
 from common.protocol.message import Message
 from common.version import VERSION
@@ -20,11 +21,10 @@ MAX_HEARTBEATS = 100
 """Maximum per second and process; a hub drops a heartbeat that follows another too soon."""
 
 
-def counter(key: str, unit: Unit, meaning: str, **shown: Any) -> Any:
+def counter(key: str, unit: str, meaning: str, **shown: Any) -> Any:
     """Returns a field that counts from the start of the process. Its total over all processes is
-    declared as the figure ``key``, with ``shown`` as further fields of the `Metric`."""
-    declare(Metric(key, unit, "count", meaning, counter=True, **shown))
-    return field(default=0, metadata={"total": key})
+    the figure ``key``, with ``shown`` as further fields of its `common.metrics.Metric`."""
+    return field(default=0, metadata={"key": key, "unit": unit, "meaning": meaning, **shown})
 
 
 # fmt: off
@@ -100,7 +100,9 @@ class ActorStats(Message):
             raise MessageError(f"key_times should be {COUNTS} counts, or none")
 
 
-TOTALS: dict[str, str] = {
-    each.name: each.metadata["total"] for each in dataclasses.fields(ActorStats) if each.metadata
+COUNTERS: dict[str, Mapping[str, Any]] = {
+    each.name: each.metadata for each in dataclasses.fields(ActorStats) if each.metadata
 }
+"""What each counter's declaration says of its total."""
+TOTALS: dict[str, str] = {name: declared["key"] for name, declared in COUNTERS.items()}
 """Key of each counter's total."""

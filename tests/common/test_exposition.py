@@ -5,7 +5,6 @@ import math
 import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
-import common.protocol.actor_stats  # noqa: F401  # declares the totals of counters
 from common.exposition import families, metrics_page, name_of
 from common.metrics import METRICS, Value
 

@@ -6,7 +6,6 @@ from typing import get_args
 
 import pytest
 
-import common.protocol.actor_stats  # noqa: F401  # declares the totals of counters
 from common.metrics import METRICS, Metric, Unit, declare
 from learner.telemetry.formats import FORMS
 
