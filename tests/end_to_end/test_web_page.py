@@ -43,6 +43,11 @@ SCALES = """async curves => {
 }"""
 """What is written in charts of these curves."""
 
+COLOURS = """[...document.querySelectorAll("#link, #actors tr:not(:first-child)")].map(
+    each => getComputedStyle(each).color
+)"""
+"""Colours of a quiet text, and of each actor's row."""
+
 DECODED = """film => {
     const canvas = document.createElement("canvas");
     [canvas.width, canvas.height] = [film.videoWidth, film.videoHeight];
@@ -150,12 +155,16 @@ def test_a_person_sees_the_robots_play_and_the_curves_grow(stage: Stage, browser
         answer = route.fetch()
         state = answer.json()
         state["checks"][0]["passed"] = False
+        state["actors"] = [state["actors"][0] | {"gone": gone} for gone in ("", "left", "lost")]
         route.fulfill(response=answer, json=state)
 
     why = "the screen is not found in the camera's picture"
     assert why not in browser.text("#checks")
     browser.page.route("**/state?*", redden)
     browser.until(lambda: why in browser.text("#checks"), "a red check says why")
+    of_link, *colours = browser.page.evaluate(COLOURS)
+    assert len({*colours}) == 3, "an actor that was lost is red"
+    assert colours[1] == of_link, "one that left is not"
     browser.page.unroute("**/state?*")
 
     picture = stage.folder / "page.png"

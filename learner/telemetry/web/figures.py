@@ -85,16 +85,15 @@ def _actor(actor: ActorView, values: Values) -> dict[str, Any]:
     newest = number(values, "stream/weights_version") or 0
     totals: dict[str, Value] = {key: getattr(stats, name) for name, key in TOTALS.items()}
     tests = stats.role == "evaluator"
+    gone = "" if actor.alive else formats.ended(stats.leaving)
     return {
         "name": stats.name,
         "role": stats.role,
-        "alive": actor.alive,
+        "gone": gone,
         "machine": stats.machine or formats.UNKNOWN,
         "age": formats.duration(stats.seconds),
         "steps": f"{stats.steps:,}",
-        "rate": formats.decimal(stats.steps_per_second, 1)
-        if actor.alive
-        else formats.ended(stats.leaving),
+        "rate": gone or formats.decimal(stats.steps_per_second, 1),
         "epsilon": formats.decimal(stats.epsilon, 3),
         "weights": (
             f"epoch {stats.weights_version}"

@@ -112,7 +112,7 @@ function showActors(actors, join) {
   const head = element("tr");
   for (const [label, title] of Object.values(COLUMNS)) head.append(element("th", label, {title}));
   const rows = actors.map(actor => {
-    const row = element("tr", undefined, {className: actor.alive ? "" : "gone"});
+    const row = element("tr", undefined, {className: actor.gone});
     for (const column of Object.keys(COLUMNS)) row.append(element("td", actor[column]));
     return row;
   });
@@ -180,7 +180,7 @@ function takePoints({curves: news, about, epochs, random}) {
 let viewpoint = "none";
 
 function choices(actors) {
-  const names = actors.filter(actor => actor.alive).map(actor => `${actor.role}/${actor.name}`);
+  const names = actors.filter(actor => !actor.gone).map(actor => `${actor.role}/${actor.name}`);
   const shown = [...$("who").options].map(option => option.value);
   if (names.join() === shown.join()) return;
   const before = $("who").value;

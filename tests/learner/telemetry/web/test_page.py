@@ -113,8 +113,8 @@ def test_it_tells_the_figures_by_their_declarations(place: Place) -> None:
     assert state["about"]["hands/release_p99"]["unit"] == "milliseconds"
     assert (state["checks"][0]["passed"], state["checks"][0]["bound"]) == (False, "≥ 0.5")
     (actor,) = state["actors"]
-    assert (actor["name"], actor["machine"], actor["age"]) == ("a", "host-7", "1:01:40")
-    assert (actor["steps"], actor["weights"]) == ("64", "2")
+    assert (actor["name"], actor["gone"], actor["machine"]) == ("a", "", "host-7")
+    assert (actor["age"], actor["steps"], actor["weights"]) == ("1:01:40", "64", "2")
     assert [event["text"] for event in state["events"]] == ["a joined"]
     place.page.write(SNAPSHOT)
     news = place.json(f"/state?version={state['curves']['version']}&count=1")
@@ -127,7 +127,9 @@ def test_an_actor_that_left_is_not_called_lost(place: Place) -> None:
     left, lost = replace(ACTOR, leaving=True), replace(ACTOR, name="b")
     views = tuple(ActorView(stats=stats, alive=False) for stats in (left, lost))
     place.page.write(snapshot({}, actors=views))
-    assert [actor["rate"] for actor in place.json("/state")["actors"]] == ["left", "lost"]
+    actors = place.json("/state")["actors"]
+    assert [actor["rate"] for actor in actors] == ["left", "lost"]
+    assert [actor["gone"] for actor in actors] == ["left", "lost"]
 
 
 def test_the_epochs_of_a_resumed_run_are_there(place: Place) -> None:
