@@ -10,11 +10,10 @@ from typing import NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
+from actors.robots.latency import AGENT_STEP_MS
 from common.errors import InputError
 from common.press_latency import ms_of
-from learner.figures.plot_style import Series, line_figure
-
-_AGENT_STEP_MS = ms_of(4)
+from learner.figures.plot_style import INK, Series, line_figure
 
 
 class Played(NamedTuple):
@@ -71,11 +70,11 @@ def delay_figure(played: Sequence[Played]) -> Figure:
     above = axes.secondary_xaxis(
         "top",
         functions=(
-            lambda ms: np.asarray(ms) / _AGENT_STEP_MS,
-            lambda n: np.asarray(n) * _AGENT_STEP_MS,
+            lambda ms: np.asarray(ms) / AGENT_STEP_MS,
+            lambda n: np.asarray(n) * AGENT_STEP_MS,
         ),
     )
-    above.set_xlabel("in agent steps of 66.7 ms", color="#333333", fontsize=9)
-    above.tick_params(colors="#333333", labelsize=8)
+    above.set_xlabel(f"in agent steps of {AGENT_STEP_MS:.1f} ms", color=INK, fontsize=9)
+    above.tick_params(colors=INK, labelsize=8)
     above.spines["top"].set_visible(False)
     return figure

@@ -9,11 +9,10 @@ from matplotlib.colors import BoundaryNorm
 from matplotlib.figure import Figure
 from matplotlib.pyplot import get_cmap, subplots
 
+from actors.robots.latency import FRAME_MS
 from benchmarks.report import reading
-from common.press_latency import ms_of
 from learner.figures.plot_style import INK
 
-_FRAME_MS = ms_of(1)
 _DARK = 0.55
 """Share of the scale above which numbers are white."""
 
@@ -34,10 +33,10 @@ def press_figure(found: Mapping[str, Any]) -> Figure:
     """Returns the table of medians from each action (row) to each other (column), coloured by
     emulator frames."""
     table = np.array(found["table_ms"], np.float64)  # null becomes NaN: never reached, or no change
-    frames = max(int(np.nan_to_num(table).max() / _FRAME_MS + 0.5), 1)
+    frames = max(int(np.nan_to_num(table).max() / FRAME_MS + 0.5), 1)
     figure, axes = subplots(figsize=(8.6, 7.4), layout="constrained")
     colours = get_cmap("YlGnBu", frames)
-    bounds = (np.arange(frames + 1) + 0.5) * _FRAME_MS
+    bounds = (np.arange(frames + 1) + 0.5) * FRAME_MS
     image = axes.imshow(table, colours, BoundaryNorm([*bounds], colours.N))
     names = ["none" if name == "·" else name for name in found["actions"]]
     axes.set_xticks(range(len(names)), names, fontsize=9, color=INK)
@@ -55,11 +54,11 @@ def press_figure(found: Mapping[str, Any]) -> Figure:
     )
     for (old, new), ms in np.ndenumerate(table):
         if not np.isnan(ms):
-            colour = "white" if ms > _DARK * frames * _FRAME_MS else INK
+            colour = "white" if ms > _DARK * frames * FRAME_MS else INK
             axes.text(new, old, f"{ms:.0f}", ha="center", va="center", fontsize=8, color=colour)
     ticks = np.arange(1, frames + 1)
-    bar = figure.colorbar(image, ax=axes, shrink=0.7, ticks=ticks * _FRAME_MS)
-    bar.set_ticks([*ticks * _FRAME_MS], labels=[f"{n * _FRAME_MS:.0f} ms" for n in ticks])
+    bar = figure.colorbar(image, ax=axes, shrink=0.7, ticks=ticks * FRAME_MS)
+    bar.set_ticks([*ticks * FRAME_MS], labels=[f"{n * FRAME_MS:.0f} ms" for n in ticks])
     bar.set_label("median, in emulator frames of 16.7 ms", color=INK)
     bar.ax.tick_params(length=0)
     bar.minorticks_off()

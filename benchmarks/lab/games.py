@@ -15,14 +15,13 @@ from typing import Annotated, Any, NamedTuple
 
 from annotated_types import MinLen
 
-from benchmarks.lab.policy import EPSILON, TrainingOptions, evaluate, scores_of, train
+from benchmarks.lab.policy import TrainingOptions, headline, scores_of, train
 from benchmarks.report import Report, main, measure_missing, resumed
 from common.checked import FromOne
 from common.games import check_game
 from common.run.config import PresetName
 from common.run.epochs import EpochTable
 from common.run.folder import RunFolder
-from learner.evaluation.options import EvaluationOptions
 
 
 class Anchors(NamedTuple):
@@ -90,14 +89,12 @@ def _train(options: Options, game: str, env: str) -> dict[str, Any]:
     folder = options.folder(game, env)
     summary = train(folder, options.steps, options.flags(game, env))
     scores = scores_of(EpochTable(folder.epochs).rows())
-    games = EvaluationOptions.games
-    played = evaluate(folder.checkpoint, games, EPSILON, ["--headline"], quiet=True)
     return {
         **{name: summary[name] for name in _TOLD},
         "curve": [(row.total_train_steps, mean) for row, mean in scores],
         "headline": [
             {name: row[name] for name in ("epsilon", "sticky", "mean", "deviation", "scores")}
-            for row in played["rows"]
+            for row in headline(folder.checkpoint)
         ],
     }
 

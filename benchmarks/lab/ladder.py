@@ -22,6 +22,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+from benchmarks.lab.games import ANCHORS
 from benchmarks.lab.policy import EPSILON, evaluate, first_at, scores_of, train
 from common.atomic_file import check_new_file, write_atomically
 from common.checked import Count, Fraction, FromOne
@@ -43,9 +44,7 @@ FLAGS: dict[Rung, list[str]] = {
     "R4": ["--env", "robot", "--play.eye", "emulator"],
     "R5": ["--env", "robot"],
 }
-HUMAN = 9.3
-"""Mean of Mnih et al.'s professional tester in Pong (2015, extended data table 2)."""
-MILESTONES = {"0": 0.0, "human": HUMAN, "18": 18.0}
+MILESTONES = {"0": 0.0, "human": ANCHORS["pong"].human, "18": 18.0}
 """Scores in Pong for which the table has the first time, by their names in the columns."""
 COLUMNS = (
     "rung", "label", "game", "seed", "flags", "agent_steps", "updates", "wall_seconds",

@@ -1,6 +1,6 @@
 """Trains and evaluates policies for the experiments, by `python -m learner` as users do.
 
-`train` starts or resumes a run with given flags, and `evaluate` plays whole games.
+`train` starts or resumes a run with given flags; `evaluate` and `headline` play whole games.
 `summary_of_all`, `scores_of` and `settings_of` read the files of a run or a network.
 """
 
@@ -21,8 +21,9 @@ from common.run.config import RunConfig
 from common.run.epochs import EpochPhase, EpochRow
 from common.run.folder import RunFolder
 from common.run.origin import origin_of
+from learner.evaluation.options import EvaluationOptions
 
-EPSILON = 0.001
+EPSILON = EvaluationOptions.epsilon
 """Default share of random actions in evaluations."""
 _MAX_OVER = 2_000
 """Agent steps that actors may play beyond a run's end before its learner has ended, besides a tenth
@@ -129,6 +130,14 @@ def evaluate(
         run_module("learner", "--evaluate", str(network), *asked, *flags, quiet=quiet)
         content: dict[str, Any] = json.loads(found.read_bytes())
         return content
+
+
+def headline(network: Path) -> list[dict[str, Any]]:
+    """Returns the three evaluations of --headline, with as many games as usual; raises InputError
+    as `evaluate` does."""
+    flags, games = ["--headline"], EvaluationOptions.games
+    found: list[dict[str, Any]] = evaluate(network, games, EPSILON, flags, quiet=True)["rows"]
+    return found
 
 
 def settings_of(network: Path) -> RunConfig:

@@ -99,8 +99,8 @@ def sentences(latency: Latency, settled: Latency, unsettled: Latency) -> list[st
                 ("one agent step after the last command", unsettled),
             )
         ),
-        "goals: p50 ≤ 66.7 ms, p99 ≤ 133.3 ms, all reached, strays ≤ 5 %: "
-        + ("kept" if kept else "missed"),
+        f"goals: p50 ≤ {AGENT_STEP_MS:.1f} ms, p99 ≤ {2 * AGENT_STEP_MS:.1f} ms, all reached, "
+        f"strays ≤ {100 * MAX_STRAYS:.0f} %: " + ("kept" if kept else "missed"),
     ]
 
 

@@ -19,7 +19,7 @@ from functools import partial
 from typing import Any
 
 from benchmarks.lab.ladder import MILESTONES
-from benchmarks.lab.policy import EPSILON, TrainingOptions, evaluate, train
+from benchmarks.lab.policy import TrainingOptions, evaluate, headline, train
 from benchmarks.peer_dqn import Point, peer_curve
 from benchmarks.peers import is_installed
 from benchmarks.report import Report, Table, counted, main, measure_missing, resumed, write
@@ -28,7 +28,6 @@ from common.errors import InputError
 from common.run.config import PresetName, ProtocolConfig, RunConfig
 from common.run.epochs import EpochTable
 from common.run.folder import RunFolder
-from learner.evaluation.options import EvaluationOptions
 from learner.evaluation.snapshots import Snapshots
 from learner.phases import RECENT_GAMES
 
@@ -148,9 +147,7 @@ def _test(options: Options, run: dict[str, Any], test: dict[str, Any] | None) ->
     with its last weights."""
     folder = options.folder(run["seed"])
     if test is None:
-        games = EvaluationOptions.games
-        found = evaluate(folder.checkpoint, games, EPSILON, ["--headline"], quiet=True)
-        run["headline"] = found["rows"]
+        run["headline"] = headline(folder.checkpoint)
         return
     network = Snapshots(folder.snapshots).file(test["epoch"])
     found = evaluate(network, options.games, _TEST_EPSILON, quiet=True)

@@ -35,11 +35,14 @@ from viewer.picture import write_picture
 
 MAX_PIXELS = 1.5
 MAX_DIFFERENCE = 8.0
-LEAST_EXPLAINED = (0.98, 0.98, 0.95, 0.95)
+_PADDLES, _BALL = 0.98, 0.95
+LEAST_EXPLAINED = (_PADDLES, _PADDLES, _BALL, _BALL)
 """Goals: p95 of the corners, pixels; difference on Pong, grey levels; R² of `QUANTITIES`."""
 
 _COLUMNS = 4
-_FOUND, _LOST = (255, 0, 255), (255, 160, 0)
+_SCALE = 1.5
+"""Size of a drawn picture, relative to the camera's."""
+_LOST = (255, 160, 0)
 
 
 @dataclass(frozen=True)
@@ -79,16 +82,14 @@ def page(looks: Sequence[Look]) -> NDArray[np.uint8]:
 
 
 def _drawn(look: Look) -> NDArray[np.uint8]:
-    large = cv2.resize(look.picture, None, fx=1.5, fy=1.5, interpolation=cv2.INTER_NEAREST)
+    large = cv2.resize(look.picture, None, None, _SCALE, _SCALE, cv2.INTER_NEAREST)
     picture = np.asarray(large, np.uint8)
     label = f"{look.case.name} - {look.game}"
     if look.sight.corners is not None:
-        # Whole numbers in corners are pixel centres.
-        corners = np.round((look.sight.corners + 0.5) * 1.5 * 16 - 8).astype(np.int32)
-        cv2.polylines(picture, [corners], True, _FOUND, 1, cv2.LINE_AA, 4)
+        overlay.outline(picture, look.sight.corners, _SCALE, overlay.MAGENTA, 1)
     frame = cv2.cvtColor(look.sight.frame, cv2.COLOR_GRAY2RGB)
     picture[-len(frame) :, : frame.shape[1]] = frame
-    colour = _FOUND if look.sight.valid else _LOST
+    colour = overlay.MAGENTA if look.sight.valid else _LOST
     picture[:30] = overlay.PAPER
     overlay.write(picture, label, (8, 22), size=0.7, colour=colour)
     return picture
@@ -176,7 +177,7 @@ def measure_sight(options: Options) -> Report:
         },
         [
             f"goals: corners p95 ≤ {MAX_PIXELS} px, Pong ≤ {MAX_DIFFERENCE:.0f} of 255, "
-            "R² ≥ 0.98 for paddles and ≥ 0.95 for the ball: "
+            f"R² ≥ {_PADDLES} for paddles and ≥ {_BALL} for the ball: "
             + ", ".join(f"{name} {'kept' if well else 'MISSED'}" for name, well in kept.items())
         ],
     )

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from benchmarks.figures.plot import FIGURES
-from benchmarks.lab import games
+from benchmarks.lab import games, policy
 from benchmarks.lab.policy import summary_of_all
 from benchmarks.report import run
 from common.errors import InputError
@@ -70,7 +70,7 @@ class Lab:
 def lab(monkeypatch: pytest.MonkeyPatch) -> Lab:
     lab = Lab()
     monkeypatch.setenv("COLUMNS", "160")  # no cell in two lines
-    monkeypatch.setattr(games, "evaluate", lab.evaluate)
+    monkeypatch.setattr(policy, "evaluate", lab.evaluate)
     monkeypatch.setattr(games, "train", lab.train)
     return lab
 

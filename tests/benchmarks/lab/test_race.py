@@ -16,7 +16,7 @@ from rich.console import Console
 from actors.games import GamesOptions, games
 from benchmarks import catch, report
 from benchmarks.figures.plot import FIGURES
-from benchmarks.lab import race
+from benchmarks.lab import policy, race
 from benchmarks.lab.policy import summary_of_all
 from benchmarks.peer_dqn import Point
 from benchmarks.report import run
@@ -97,7 +97,8 @@ class Lab:
 @pytest.fixture
 def lab(monkeypatch: pytest.MonkeyPatch) -> Lab:
     lab = Lab()
-    monkeypatch.setattr(race, "evaluate", lab.evaluate)
+    for module in (policy, race):
+        monkeypatch.setattr(module, "evaluate", lab.evaluate)
     monkeypatch.setattr(race, "train", lab.train)
     monkeypatch.setattr(report, "provenance", lambda: {"machine": MACHINE})
     return lab
@@ -243,7 +244,8 @@ def test_a_whole_race_in_one_process(monkeypatch: pytest.MonkeyPatch, tmp_path: 
 
     monkeypatch.setattr(race, "train", train)
     monkeypatch.setattr(offline, "play", play)
-    monkeypatch.setattr(race, "evaluate", evaluate)
+    for module in (policy, race):
+        monkeypatch.setattr(module, "evaluate", evaluate)
     file = tmp_path / "race.json"
     given = ["--env", "catch", "--steps", "400", "--every", "150", "--games", "5", "--seeds", "1"]
     more = ["--preset", "fast", f"--learner={QUICK}", "--runs", str(tmp_path), "--json", str(file)]
