@@ -13,7 +13,7 @@ from common.minus import points
 from common.press_latency import KeyLatency
 from common.run.clock import ClockConfig
 from learner.evaluation.scores import Scores
-from learner.telemetry.formats import decimal, written
+from learner.telemetry.formats import decimal, per_cent, written
 
 ENDING = 800
 """Agent steps at the end of a game, 53 s of play: games are compared by them, and as a whole."""
@@ -125,14 +125,14 @@ _LINES: tuple[tuple[str, Callable[[Mapping[str, Any]], str]], ...] = (
     ("median", lambda row: points(row["median"])),
     ("least, most", lambda row: f"{points(row['least'])}, {points(row['most'])}"),
     ("agent steps", lambda row: f"{row['steps']:,}"),
-    ("keys as commanded", lambda row: f"{100 * row['press_match_share']:.1f} %"),
+    ("keys as commanded", lambda row: per_cent(row["press_match_share"], 1)),
     ("command to keys, p50/p99 ms", _hands),
-    ("frames valid", lambda row: f"{100 * row['valid_frame_share']:.1f} %"),
+    ("frames valid", lambda row: per_cent(row["valid_frame_share"], 1)),
     ("time", _pace),
     ("game ÷ wall seconds", lambda row: f"{row['game_per_wall']:.2f}"),
     (
         "deadlines kept",
-        lambda row: "" if row["speed"] is None else f"{100 * row['deadlines_kept_share']:.2f} %",
+        lambda row: "" if row["speed"] is None else per_cent(row["deadlines_kept_share"], 2),
     ),
     ("late frames", lambda row: "" if row["speed"] is None else f"{row['late_frames']:,}"),
 )

@@ -41,9 +41,14 @@ def share(done: float, total: float) -> str:
     return f"{math.floor(100 * min(done / total, 1)) if total else 0} %"
 
 
+def per_cent(share: float, places: int = 0) -> str:
+    """Returns a share in per cent, with so many decimals: ``98 %``."""
+    return f"{100 * share:.{places}f} %"
+
+
 def cores(busy: float) -> str:
     """Returns busy cores in per cent of one core: ``98 % CPU``."""
-    return f"{100 * busy:.0f} % CPU"
+    return f"{per_cent(busy)} CPU"
 
 
 def taken(busy: float, memory: int) -> str:
@@ -73,7 +78,7 @@ def gpu(values: Values) -> list[str]:
     if memory is None or capacity is None:
         return []
     told = f"{size(int(memory)).removesuffix(' MB')} of {size(int(capacity))}"
-    return [f"GPU {told}"] if busy is None else [f"GPU {100 * busy:.0f} %", told]
+    return [f"GPU {told}"] if busy is None else [f"GPU {per_cent(busy)}", told]
 
 
 def size(count: int) -> str:
