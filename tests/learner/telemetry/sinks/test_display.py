@@ -575,39 +575,3 @@ def test_plain_line_on_an_ascii_stream() -> None:
     PlainDisplay(stream).line("−1 ≥ ü")
     stream.seek(0)
     assert stream.read()[9:] == "-1 >= ?\n"
-
-
-@pytest.mark.parametrize(
-    ("text", "expected"),
-    [
-        (formats.written("count", 1_234_567), "1,234,567"),
-        (formats.decimal(-20.094, 2), "−20.09"),
-        (formats.written(".2", None), "–"),
-        (formats.decimal(float("nan"), 2), "nan"),
-        (formats.significant(0.000829), "0.0008290"),
-        (formats.significant(12.4), "12.40"),
-        (formats.significant(-0.5), "−0.5000"),
-        (formats.significant(4.1e-7), "4.1e-07"),
-        (formats.significant(0.0), "0"),
-        (formats.share(999_999, 1_000_000), "99 %"),
-        (formats.share(3, 0), "0 %"),
-        (formats.duration(59.9), "00:59"),
-        (formats.duration(11_565), "3:12:45"),
-        (formats.duration(187_654), "2 d 04:07"),
-        (formats.written("duration", None), "–"),
-        (formats.written("ms", None), "–"),
-        (formats.written("ms", 50 / 3), "17"),
-        (formats.written("ms", math.inf), "∞"),
-    ],
-)
-def test_figures_for_people(text: str, expected: str) -> None:
-    assert text == expected
-
-
-def test_chart_by_hand() -> None:
-    assert formats.bars([0.0, 0.5, 1.0], 0.0, 1.0, 1) == ["▁▅█"]  # 1, 1 + 3.5, 8 eighths
-    assert formats.bars([0.0, 1.0], 0.0, 1.0, 2) == [" █", "▁█"]
-    assert formats.bars([2.0, 2.0], 2.0, 2.0, 1) == ["▄▄"]
-    assert formats.columns_of([1.0, 2.0, 3.0, 4.0], 2) == [1.5, 3.5]
-    assert formats.columns_of([1.0, 2.0], 5) == [1.0, 1.0, 2.0, 2.0]
-    assert formats.columns_of([], 5) == []
