@@ -20,7 +20,7 @@ import tyro
 
 from ale_robot.commands import POLICY_COMMANDS
 from ale_robot.model_card import model_card
-from common.atomic_file import write_atomically
+from common.atomic_file import write_atomically, write_json
 from common.checked import NAME
 from common.errors import InputError
 from common.process.command_line import parse
@@ -62,7 +62,7 @@ class Push:
         with tempfile.TemporaryDirectory() as name:
             folder = Path(name)
             (folder / weights.name).write_bytes(content)
-            (folder / f"{weights.stem}.json").write_text(json.dumps(card, indent=2) + "\n")
+            write_json(folder / f"{weights.stem}.json", card)
             told = model_card(weights.stem, card, config, self.repository)
             (folder / "README.md").write_text(told)
             _ask("create_repo", self.repository, private=self.private, exist_ok=True)

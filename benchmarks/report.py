@@ -18,7 +18,7 @@ from annotated_types import Gt, MinLen
 from rich.console import Console
 from rich.table import Table as RichTable
 
-from common.atomic_file import check_new_file, write_atomically
+from common.atomic_file import check_new_file, write_json
 from common.checked import FromOne
 from common.errors import InputError, exit_on_input_error
 from common.process.command_line import parse
@@ -124,8 +124,7 @@ def write(file: Path | None, content: Row) -> None:
     """
     if file is None:
         return
-    whole = {**content, **provenance()}
-    write_atomically(file, (json.dumps(whole, indent=2) + "\n").encode())
+    write_json(file, {**content, **provenance()})
 
 
 def resumed(file: Path | None, about: Row, what: str) -> dict[str, Any]:

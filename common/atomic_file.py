@@ -1,9 +1,11 @@
 """Writes files whole or not at all, and tells beforehand whether that can work."""
 
+import json
 import os
 import shutil
 import tempfile
 from pathlib import Path
+from typing import Any
 
 from common.errors import InputError, writing
 from common.regular_file import no_links
@@ -52,6 +54,11 @@ def write_atomically(path: Path, content: bytes, former: Path | None = None) -> 
             partial.unlink(missing_ok=True)
         raise
     _sync_names(path.parent)  # or a power failure could restore the old file
+
+
+def write_json(path: Path, content: Any) -> None:
+    """Replaces the content of ``path``, as `write_atomically` does, by ``content`` as JSON."""
+    write_atomically(path, (json.dumps(content, indent=2) + "\n").encode())
 
 
 def append_whole(path: Path, content: bytes, *, durable: bool = False) -> None:

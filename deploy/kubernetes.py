@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from common.atomic_file import write_atomically
+from common.atomic_file import write_json
 from common.errors import InputError, writing
 from common.transport.credentials import common_name
 from deploy.certificates import certify_actors, ensure_certificates
@@ -32,8 +32,7 @@ def launch(run: RunDescription) -> str:
         if run.options.tls:
             ensure_certificates(place / "certificates", run.hub)
             certify_actors(place / "certificates", run.hub, _names(run))
-        text = json.dumps(_kustomization(run), indent=2)
-        write_atomically(place / "kustomization.yaml", f"{text}\n".encode())
+        write_json(place / "kustomization.yaml", _kustomization(run))
     return (
         f"The run is in {place}. Start it:\n"
         f"  kubectl create namespace {name}\n  kubectl apply --server-side -k {place}"

@@ -18,7 +18,7 @@ from typing import Annotated, Any
 import torch
 import tyro
 
-from common.atomic_file import write_atomically
+from common.atomic_file import write_atomically, write_json
 from common.checked import FromOne
 from common.errors import InputError, MessageError, exit_on_input_error
 from common.network import QNetwork, build_network, count_actions_of
@@ -133,8 +133,7 @@ def _read(file: Path) -> dict[str, Any]:
 
 
 def _write(output: Path, card: dict[str, Any]) -> None:
-    file = output.with_name(f"{output.name}.json")
-    write_atomically(file, (json.dumps(card, indent=2) + "\n").encode())
+    write_json(output.with_name(f"{output.name}.json"), card)
 
 
 def main() -> None:

@@ -13,7 +13,6 @@ R5  the robot
 
 import csv
 import io
-import json
 import shlex
 import shutil
 import sys
@@ -24,7 +23,7 @@ from typing import Any, Literal
 
 from benchmarks.lab.games import ANCHORS
 from benchmarks.lab.policy import EPSILON, evaluate, first_at, scores_of, train
-from common.atomic_file import check_new_file, write_atomically
+from common.atomic_file import check_new_file, write_atomically, write_json
 from common.checked import Count, Fraction, FromOne
 from common.errors import exit_on_input_error
 from common.process.command_line import PRESENT_FLAGS, parse
@@ -105,7 +104,7 @@ def climb(options: Options, seed: int) -> dict[str, Any]:
     results = options.output.parent
     evaluation = results / f"{folder.name}.json"
     told = evaluate(folder.checkpoint, options.games, options.epsilon)
-    write_atomically(evaluation, (json.dumps(told, indent=2) + "\n").encode())
+    write_json(evaluation, told)
     shutil.copyfile(folder.epochs, results / f"{folder.name}.csv")
     return row_of(options, seed, summary, told, EpochTable(folder.epochs).rows())
 

@@ -19,7 +19,7 @@ from annotated_types import Ge, Le, MinLen
 
 from benchmarks.lab.policy import PlayingOptions, evaluate
 from benchmarks.report import Report, Table, main, measure_missing, resumed
-from common.atomic_file import write_atomically
+from common.atomic_file import write_json
 from common.checked import Fraction, FromOne
 from common.errors import InputError
 from common.press_latency import ms_of
@@ -161,7 +161,7 @@ def _add_to_card(network: Path, grid: Grid, sha256: str) -> None:
     if card.get("sha256") != sha256:
         raise InputError(f"{file} is not the card of {network.name}: publish that again.")
     card["grid"] = grid._asdict()
-    write_atomically(file, (json.dumps(card, indent=2) + "\n").encode())
+    write_json(file, card)
 
 
 if __name__ == "__main__":

@@ -14,7 +14,7 @@ from typing import Any
 
 from rich.console import Console
 
-from common.atomic_file import write_atomically
+from common.atomic_file import write_json
 from common.errors import InputError
 from common.minus import points
 from common.network import build_network
@@ -97,7 +97,7 @@ def evaluate(
     console.print(table(content))
     content = strict(content)
     if options.json is not None:
-        write_atomically(options.json, (json.dumps(content, indent=2) + "\n").encode())
+        write_json(options.json, content)
         console.print(f"wrote {options.json}", markup=False, soft_wrap=True)
     return content
 

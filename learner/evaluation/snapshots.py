@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from common.atomic_file import write_atomically
+from common.atomic_file import write_atomically, write_json
 from common.checked import Score, build
 from common.regular_file import read_file
 from common.run.folder import epoch_name
@@ -42,7 +42,7 @@ class Snapshots:
     def keep_as_best(self, epoch: int, card: dict[str, Any]) -> None:
         """Makes an epoch's weights `best`, and writes ``card`` beside them."""
         write_atomically(self.best, self.read(epoch))
-        write_atomically(self.best_card, json.dumps(card, indent=2).encode())
+        write_json(self.best_card, card)
 
     def best_score(self) -> float | None:
         """Returns the mean score of `best`; None if its card is missing or broken."""
