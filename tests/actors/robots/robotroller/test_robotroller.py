@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from actors.robots.latency import AGENT_STEP, MAX_STRAYS, Change, Latency
+from actors.robots.latency import AGENT_STEP, GOAL, Change, Latency
 from actors.robots.robotroller.robot import Robotroller
 from actors.robots.room.room import FRAME_SUBSTEPS
 from common.actions import KEYS_OF_ACTION, Keys
@@ -69,7 +69,7 @@ def test_from_any_action_to_any_other_within_two_agent_steps(every_change: list[
     # From one side to the other is the farthest way: no servo is there at once.
     across = [each.frames or 0 for each in every_change if (each.old, each.new) == (4, 3)]
     assert np.median(across) >= 2
-    assert latency.stray_share <= MAX_STRAYS
+    assert latency.stray_share <= GOAL.stray_share
 
 
 @pytest.mark.parametrize("keys", PUBLISHED, ids=str)
