@@ -65,10 +65,10 @@ load_policy = TrainedPolicy
 def evaluate(
     weights: str | Path,
     *,
-    games: int = 30,
-    epsilon: float = 0.001,
+    games: int = EvaluationOptions.games,
+    epsilon: float = EvaluationOptions.epsilon,
     seed: int = 1,
-    processes: int = 0,
+    processes: int = EvaluationOptions.processes,
 ) -> dict[str, Any]:
     """Plays whole games in several processes, as ``ale-robot evaluate`` does.
 

@@ -55,7 +55,7 @@ class Options:
     """Path of both files, without suffix."""
     last: bool = False
     """Publish the last weights instead of those of the best test."""
-    games: FromOne = 30
+    games: FromOne = EvaluationOptions.games
     """Number of games in each evaluation of --headline."""
 
 
