@@ -16,7 +16,7 @@ from rich.table import Table
 
 from benchmarks.child import run_module
 from benchmarks.registry import BENCHMARKS, RESULTS
-from common.errors import InputError, exit_on_input_error
+from common.errors import InputError, choice, exit_on_input_error
 
 ALL = "all"
 
@@ -34,7 +34,7 @@ def main(arguments: Sequence[str]) -> None:
     elif name == ALL:
         raise InputError("all runs with the published flags: give flags to a single benchmark.")
     else:
-        raise InputError(f"there is no benchmark {name}: choose {', '.join((*BENCHMARKS, ALL))}.")
+        raise InputError(f"there is no benchmark {name}: {choice(name, [*BENCHMARKS, ALL])}")
 
 
 def show_list() -> None:

@@ -14,7 +14,7 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import partial
 
-from benchmarks.hosted_run import HostedRun
+from benchmarks.hosted_run import NEVER, HostedRun
 from benchmarks.pace import Spread, in_turns
 from benchmarks.report import BenchmarkOptions, Numbers, Report, Seconds, main
 from common.checked import FromOne
@@ -52,7 +52,7 @@ class Hub(HostedRun):
             "replay",
             *("--env", env, "--game", game),
             *("--replay.capacity", "20000", "--replay.learning-starts", str(_WARMUP)),
-            *("--replay.ratio-tolerance", str(10**9)),
+            *("--replay.ratio-tolerance", str(NEVER)),
             # After the initial steps ε has its final value, so that the network chooses.
             *("--exploration.steps", "1"),
         )

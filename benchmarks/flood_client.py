@@ -54,7 +54,7 @@ class Flooder:
         folder = Path(certificates)
         transport = connect(connect_to, _PATIENCE, name=name, certificates=folder)
         self._transport = transport  # keeps the session open
-        keys, config = find_run(transport, run, _PATIENCE, lambda: False)
+        keys, config = find_run(transport, run, _PATIENCE)
         self._counts: Counter[str] = Counter()
         self._counting = threading.Lock()
         self._over = threading.Event()

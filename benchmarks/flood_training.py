@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from benchmarks.child import Helper, cpu_seconds, stat_of
-from benchmarks.hosted_run import RUN, HostedRun
+from benchmarks.hosted_run import NEVER, RUN, HostedRun
 from common.errors import InputError, MessageError
 from common.process.supervisor import Child
 from common.protocol.actor_stats import ActorStats
@@ -18,13 +18,12 @@ ACTOR, FLOODER = "actor-1", "flooder"
 _PATIENCE = 120.0
 _DEADLINE = 5.0
 _POLL = 0.1
-_NEVER = str(10**9)
 _BUSY = "measure on a machine that is less busy."
 FLAGS = (
     *("--env", "catch", "--preset", "fast", "--learning.network", "nips", "--threads", "1"),
     # One update for each step, so that the learner limits the run.
     *("--learning.batch-size", "32", "--learning.train-period", "1"),
-    *("--learning.publish-period", "50", "--protocol.epoch-steps", _NEVER),
+    *("--learning.publish-period", "50", "--protocol.epoch-steps", str(NEVER)),
     *("--replay.capacity", "20000", "--replay.learning-starts", "300"),
     *("--replay.ratio-tolerance", "2048", "--protocol.held-out-states", "64"),
 )

@@ -16,6 +16,9 @@ from replay.chunk_statistics import ChunkStatistics
 from replay.client import RemoteReplay
 
 RUN = "bench"
+NEVER = 10**9
+"""A number of steps that no measurement reaches, so that an epoch does not end and a replay never
+waits."""
 _START = 120.0
 """Maximum seconds until the process serves its run."""
 _POLL = 0.02

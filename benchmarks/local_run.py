@@ -18,7 +18,7 @@ import numpy as np
 import tyro
 
 from benchmarks.child import cpu_seconds, stat_of
-from benchmarks.hosted_run import HostedRun
+from benchmarks.hosted_run import NEVER, HostedRun
 from benchmarks.report import BenchmarkOptions
 from common.checked import FromOne
 from common.protocol.actor_stats import ActorStats
@@ -30,8 +30,6 @@ from replay.limiter import RateLimiter
 ROLES = ("learner", "actors", "evaluator")
 Beat = tuple[float, ActorStats]
 """The monotonic seconds at which a heartbeat came, and its content."""
-NEVER = 10**9
-"""Steps of an epoch, or of a test, that does not end during the measurement."""
 _WARMUP = 256
 _SETTLE = 3.0
 _LONGEST_SETTLE = 40.0

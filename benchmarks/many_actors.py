@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.child import Helper, cpu_seconds, free_endpoint, stat_of
-from benchmarks.hosted_run import RUN, HostedRun
+from benchmarks.hosted_run import NEVER, RUN, HostedRun
 from benchmarks.report import BenchmarkOptions, Numbers, Report, Seconds, main
 from benchmarks.second_router import second_router
 from common.checked import FromOne
@@ -52,7 +52,7 @@ def measure_number(options: Options, actors: int) -> dict[str, Any]:
             HostedRun(
                 "replay",
                 *("--preset", "paper", "--replay.capacity", str(options.capacity)),
-                *("--replay.learning-starts", "64", "--replay.ratio-tolerance", str(10**9)),
+                *("--replay.learning-starts", "64", "--replay.ratio-tolerance", str(NEVER)),
                 *("--stream.chunk-steps", str(options.chunk_steps)),
             )
         )

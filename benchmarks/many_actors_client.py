@@ -33,7 +33,7 @@ class Crowd:
         names = tuple(f"actor-{n}" for n in range(actors))
         for name in names:
             transport = connect(connect_to, _PATIENCE)
-            keys, config = find_run(transport, run, _PATIENCE, lambda: False)
+            keys, config = find_run(transport, run, _PATIENCE)
             self._latencies.append(time_requests(transport))
             transport.subscribe(keys.weights, lambda _: self._arrived.put(time.monotonic()))
             member = Member(name, transport, keys, config, _PATIENCE, threading.Event())

@@ -204,6 +204,11 @@ def reading(file: Path, what: str, benchmark: str) -> Iterator[Any]:
         ) from None
 
 
+def scored(found: Row, places: int = 1) -> str:
+    """Returns the mean score of games, and its deviation, as text for a table."""
+    return f"{found['mean']:,.{places}f} ± {found['deviation']:,.{places}f}"
+
+
 def cell(value: object) -> str:
     """Returns a value as text for a table."""
     if value is None:

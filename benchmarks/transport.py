@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from benchmarks.child import Helper
-from benchmarks.hosted_run import RUN, HostedRun
+from benchmarks.hosted_run import NEVER, RUN, HostedRun
 from benchmarks.report import BenchmarkOptions, Report, Seconds, main
 from common.checked import FromOne
 from common.run.config import LearningConfig, StreamConfig
@@ -46,7 +46,7 @@ class Exchange(HostedRun):
             "replay",
             *("--preset", "paper", "--replay.sampler", options.sampler),
             *("--replay.capacity", str(options.capacity), "--replay.learning-starts", "1024"),
-            *("--replay.ratio-tolerance", str(10**9), "--actor-quota", str(10**9)),
+            *("--replay.ratio-tolerance", str(NEVER), "--actor-quota", str(NEVER)),
             *("--stream.chunk-steps", str(options.chunk_steps)),
             *("--learning.batch-size", str(options.batch_size)),
         )

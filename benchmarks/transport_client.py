@@ -67,7 +67,7 @@ class Client:
     def __init__(self, connect_to: str, run: str, name: str, window: int) -> None:
         keep_large_blocks()
         self._transport = connect(connect_to, _PATIENCE)
-        self._keys, config = find_run(self._transport, run, _PATIENCE, lambda: False)
+        self._keys, config = find_run(self._transport, run, _PATIENCE)
         self._config = replace(config, stream=replace(config.stream, window=window))
         self._name = name
 

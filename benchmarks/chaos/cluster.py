@@ -113,7 +113,7 @@ class Cluster:
                     certificates=self.certificates_of(_AUDITOR),
                 )
             )
-            keys, self.config = find_run(self.transport, RUN, _START, lambda: False)
+            keys, self.config = find_run(self.transport, RUN, _START)
             self.transport.subscribe(keys.weights, self._hear_weights)
             self._run_id = keys.run_id
             for name in self.clients:

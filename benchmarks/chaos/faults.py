@@ -73,7 +73,7 @@ def _flip(cluster: Cluster, name: str, draw: random.Random) -> End:
 
 def _junk(cluster: Cluster, name: str, draw: random.Random) -> None:
     """Sends malformed chunks to the replay in an actor's name; each must be refused."""
-    keys, _ = find_run(cluster.transport, None, 60.0, lambda: False)
+    keys, _ = find_run(cluster.transport, None, 60.0)
     requester = cluster.transport.requester(keys.insert(name), 10.0)
     for _ in range(_JUNK):
         with suppress(MessageError, Unanswered):

@@ -23,7 +23,7 @@ from typing import Any
 from benchmarks.figures import robots
 from benchmarks.figures.commits import Source, sources
 from benchmarks.lab.ladder import MILESTONES
-from benchmarks.report import cell
+from benchmarks.report import cell, scored
 from common.errors import InputError, exit_on_input_error
 from common.run.epochs import EpochRow, EpochTable
 from learner.telemetry.provenance import machine_line
@@ -106,7 +106,7 @@ def raced(race: Mapping[str, Any]) -> str:
                 f"{at['seconds'] / 60:.1f} min" if (at := run["training"][score]) else "–"
                 for score in scores
             ),
-            *(f"{row['mean']:.2f} ± {row['deviation']:.2f}" for row in run["headline"]),
+            *(scored(row, 2) for row in run["headline"]),
         ]
         for run in race["runs"]
     ]

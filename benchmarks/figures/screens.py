@@ -14,7 +14,6 @@ import subprocess
 import sys
 import termios
 import threading
-import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -111,9 +110,8 @@ class _Terminal:
 
     def wait(self, seconds: float) -> None:
         """Waits for ``seconds``; raises InputError if the program ends before."""
-        end = time.monotonic() + seconds
         with contextlib.suppress(subprocess.TimeoutExpired):
-            self._process.wait(max(end - time.monotonic(), 0.0))
+            self._process.wait(seconds)
             told = Text.from_ansi(self._written.decode(errors="replace")).plain
             raise InputError(f"the run ended before it was drawn: {told[-500:]}")
 

@@ -16,7 +16,7 @@ from typing import Annotated, Any, NamedTuple
 from annotated_types import MinLen
 
 from benchmarks.lab.policy import TrainingOptions, headline, scores_of, train
-from benchmarks.report import Report, main, measure_missing, resumed
+from benchmarks.report import Report, main, measure_missing, resumed, scored
 from common.checked import FromOne
 from common.games import check_game
 from common.run.config import PresetName
@@ -126,8 +126,8 @@ def _rows(runs: list[dict[str, Any]]) -> list[dict[str, Any]]:
                     "sticky": of_twin["sticky"],
                     "random": random,
                     "human": anchors and anchors.human,
-                    BODIES["ale"]: f"{of_twin['mean']:,.1f} ± {of_twin['deviation']:,.1f}",
-                    BODIES["robot"]: f"{of_robot['mean']:,.1f} ± {of_robot['deviation']:,.1f}",
+                    BODIES["ale"]: scored(of_twin),
+                    BODIES["robot"]: scored(of_robot),
                     "share of the rise": None if share is None else f"{share:.0%}",
                 }
             )

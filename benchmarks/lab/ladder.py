@@ -29,6 +29,7 @@ from common.errors import exit_on_input_error
 from common.process.command_line import PRESENT_FLAGS, parse
 from common.run.epochs import EpochRow, EpochTable
 from common.run.folder import RunFolder
+from learner.evaluation.options import EvaluationOptions
 
 Rung = Literal["R1", "R2", "R3", "R4", "R5"]
 
@@ -76,7 +77,7 @@ class Options:
     """Preset of the run; compare only rungs with the same preset."""
     label: str = ""
     """Name of an ablation, where --learner changes settings of the rung."""
-    games: FromOne = 30
+    games: FromOne = EvaluationOptions.games
     """Number of games of each evaluation."""
     epsilon: Fraction = EPSILON
     """Share of random actions in each evaluation."""

@@ -22,7 +22,7 @@ from benchmarks.lab.ladder import MILESTONES
 from benchmarks.lab.policy import TrainingOptions, evaluate, headline, train
 from benchmarks.peer_dqn import Point, peer_curve
 from benchmarks.peers import is_installed
-from benchmarks.report import Report, Table, counted, main, measure_missing, resumed, write
+from benchmarks.report import Report, Table, counted, main, measure_missing, resumed, scored, write
 from common.checked import FromOne
 from common.errors import InputError
 from common.run.config import PresetName, ProtocolConfig, RunConfig
@@ -178,9 +178,7 @@ def _tables(found: dict[str, Any]) -> list[Table]:
         {"seed": run["seed"], "minutes": run["wall_seconds"] / 60}
         | {f"{name}/s": run[f"{name}_per_second"] for name in ("steps", "updates")}
         | {
-            f"ε {row['epsilon']:g}, sticky {row['sticky']:g}": (
-                f"{row['mean']:.1f} ± {row['deviation']:.1f}"
-            )
+            f"ε {row['epsilon']:g}, sticky {row['sticky']:g}": scored(row)
             for row in run["headline"]
         }
         for run in runs

@@ -18,7 +18,7 @@ from typing import Annotated, Any, Literal
 from annotated_types import Ge, Le, MinLen
 
 from benchmarks.lab.policy import PlayingOptions, evaluate
-from benchmarks.report import Report, Table, main, measure_missing, resumed
+from benchmarks.report import Report, Table, main, measure_missing, resumed, scored
 from common.atomic_file import write_json
 from common.checked import Fraction, FromOne
 from common.errors import InputError
@@ -123,7 +123,7 @@ def measure(options: Options) -> Report:
         {
             "optics": optics,
             **{
-                f"+{ms_of(cell['latency']):.0f} ms": f"{cell['mean']:.1f} ± {cell['deviation']:.1f}"
+                f"+{ms_of(cell['latency']):.0f} ms": scored(cell)
                 for cell in (grid[optics, latency] for latency in options.latencies)
             },
         }

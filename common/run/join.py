@@ -47,7 +47,7 @@ def find_run(
     transport: Transport,
     name: str | None,
     patience: float,
-    stopped: Callable[[], bool],
+    stopped: Callable[[], bool] = lambda: False,
     certificates: Path | None = None,
 ) -> tuple[RunKeys, RunConfig]:
     """Returns the run called ``name``, or the only run, at the hub of ``transport``.

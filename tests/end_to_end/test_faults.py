@@ -52,7 +52,7 @@ def test_three_actors_of_which_one_is_killed(stage: Stage) -> None:
 
 def _progress(stage: Stage) -> Progress:
     transport = connect(stage.endpoint, PATIENCE)
-    remote = RemoteReplay(transport, *find_run(transport, "r", PATIENCE, lambda: False))
+    remote = RemoteReplay(transport, *find_run(transport, "r", PATIENCE))
     too_late = threading.Timer(PATIENCE, remote.close)  # by itself it asks for ever
     too_late.start()
     try:
@@ -238,7 +238,7 @@ def test_a_link_that_only_seems_to_be_there_holds_nobody_up(stage: Stage) -> Non
     learner = stage.learner("--env=ale", *SMALL)
     learner.says("actors find it at")
     with connect(stage.endpoint, PATIENCE) as transport, Link(stage.endpoint) as link:
-        remote = RemoteReplay(transport, *find_run(transport, "r", PATIENCE, lambda: False))
+        remote = RemoteReplay(transport, *find_run(transport, "r", PATIENCE))
         far = ("--sync", "--connect", link.endpoint, "--name=a")
         actor = stage.start("-m", "actors", *far)
 

@@ -82,7 +82,7 @@ def learned(
             threading.Event(),
             sign=unsigned,
         )
-        keys, announced = find_run(client, run, PATIENCE, lambda: False)
+        keys, announced = find_run(client, run, PATIENCE)
         assert announced == config
         actions = announced.action_count
         env = make_env(announced, training=True)

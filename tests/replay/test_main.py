@@ -77,7 +77,7 @@ def test_nothing_acknowledged_is_lost_by_kill_9(tmp_path: Path, started: list[Pr
     transport = connect(endpoint, PATIENCE)
     actor, rng = Actor("a", 4), np.random.default_rng(0)
     chunks = [actor.live([GOES_ON] * 15 + [TERMINATES], rng) for _ in range(30)]  # the ring turns
-    keys, _ = find_run(transport, RUN, PATIENCE, lambda: False)
+    keys, _ = find_run(transport, RUN, PATIENCE)
     chunks = [replace(chunk, run_id=keys.run_id) for chunk in chunks]
     for chunk in chunks[:-1]:
         assert insert(transport, chunk).status == "stored"
@@ -149,7 +149,7 @@ def test_that_nobody_reads_what_it_says_is_no_reason_to_end(tmp_path: Path) -> N
         assert process.stdout is not None
         process.stdout.close()
         with connect(endpoint, PATIENCE) as transport:
-            keys, _ = find_run(transport, RUN, PATIENCE, lambda: False)
+            keys, _ = find_run(transport, RUN, PATIENCE)
             inserts = transport.requester(keys.insert("a"), PATIENCE)
             wait_until(lambda: inserts.has_server, "the replay serves inserts")
             actor = Actor("a", 4, run_id=keys.run_id)

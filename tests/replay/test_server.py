@@ -77,7 +77,7 @@ def place(tmp_path: Path, hub: Transport, client: Transport) -> Iterator[Place]:
 
 
 def test_the_hub_announces_its_run(place: Place) -> None:
-    keys, config = find_run(place.client, None, PATIENCE, lambda: False)
+    keys, config = find_run(place.client, None, PATIENCE)
     assert keys == KEYS
     assert config.replay.capacity == 256
 
