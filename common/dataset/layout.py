@@ -29,16 +29,12 @@ MAX_EPISODE_STEPS = 110_000
 
 CAMERA = "observation.images.camera"
 COLUMNS = {
+    **{name: f"next.{name}" for name in STEP_FIELDS},
     "frames": "observation.frame",
     "valid": "observation.valid",
     "vectors": "observation.vector",
     "actions": "action",
     "rewards": "next.reward",
-    "terminated": "next.terminated",
-    "truncated": "next.truncated",
-    "elapsed": "next.elapsed",
-    "follows": "next.follows",
-    "matched": "next.matched",
 }
 """Column of each field of `STEP_FIELDS`; the vector's column exists only if there is a vector."""
 
