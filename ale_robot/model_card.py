@@ -1,6 +1,6 @@
 """The model card of a policy: a README.md for people, with the metadata that a model hub reads."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ale_robot.environments import env_id
@@ -47,14 +47,40 @@ def model_card(name: str, card: Mapping[str, Any], config: RunConfig, repository
     Raises:
         InputError: huggingface_hub is not installed.
     """
-    with extra_for("a model hub", "hub"):
-        from huggingface_hub import EvalResult, ModelCardData
     play, env = config.play, ENVIRONMENTS.find(config.env)
     identity = env_id(config.game, robot=env.robot) if env.atari else env.name
     rows = [
-        (row["epsilon"], row["sticky"], f"{row['mean']:.2f} ± {row['deviation']:.2f}", row)
+        (row["epsilon"], row["sticky"], f"{row['mean']:.2f} ± {row['deviation']:.2f}", row["games"])
         for row in evaluation_rows(card)
     ]
+    text = _TEXT.format(
+        name=name,
+        game=config.task.replace("_", " ").title(),
+        how="a robot's camera and hands" if env.robot else "its own frames, without a body",
+        input=f"the last {play.frame_stack} frames of 84×84 pixels"
+        + (", its commands, keys and joints" if play.vector else ""),
+        actions="the game's own actions" if play.minimal_actions else "all 18 actions",
+        trained="fine-tuned from another network" if card.get("initial") else "trained",
+        steps=card["agent_steps"],
+        milliseconds=ms_of(play.frame_skip),
+        rows="\n".join(f"| {e:g} | {s:g} | {score} | {games} |" for e, s, score, games in rows),
+        grid="" if (grid := Grid.of(card)) is None else _grid_text(grid),
+        repository=repository,
+        sha256=card["sha256"],
+    )
+    return f"---\n{_metadata(name, identity, rows)}\n---\n{text}"
+
+
+def _metadata(name: str, identity: str, rows: Sequence[tuple[float, float, str, int]]) -> str:
+    """Returns what a model hub reads, as YAML.
+
+    Args:
+        identity: what is played.
+        rows: share of random actions, probability of sticky ones, score and number of games, for
+            each evaluation.
+    """
+    with extra_for("a model hub", "hub"):
+        from huggingface_hub import EvalResult, ModelCardData
     results = [
         EvalResult(
             task_type="reinforcement-learning",
@@ -67,38 +93,17 @@ def model_card(name: str, card: Mapping[str, Any], config: RunConfig, repository
         )
         for epsilon, sticky, score, _ in rows
     ]
+    topics = ["reinforcement-learning", "deep-reinforcement-learning", "atari", "robotics"]
     about = ModelCardData(
         library_name="ale-robot",
         license="mit",
         pipeline_tag="reinforcement-learning",
-        tags=[
-            "reinforcement-learning",
-            "deep-reinforcement-learning",
-            "atari",
-            "robotics",
-            identity,
-        ],
+        tags=[*topics, identity],
         model_name=name,
         eval_results=results,
     )
-    text = _TEXT.format(
-        name=name,
-        game=config.task.replace("_", " ").title(),
-        how="a robot's camera and hands" if env.robot else "its own frames, without a body",
-        input=f"the last {play.frame_stack} frames of 84×84 pixels"
-        + (", its commands, keys and joints" if play.vector else ""),
-        actions="the game's own actions" if play.minimal_actions else "all 18 actions",
-        trained="fine-tuned from another network" if card.get("initial") else "trained",
-        steps=card["agent_steps"],
-        milliseconds=ms_of(play.frame_skip),
-        rows="\n".join(
-            f"| {e:g} | {s:g} | {score} | {row['games']} |" for e, s, score, row in rows
-        ),
-        grid="" if (grid := Grid.of(card)) is None else _grid_text(grid),
-        repository=repository,
-        sha256=card["sha256"],
-    )
-    return f"---\n{about.to_yaml()}\n---\n{text}"
+    yaml: str = about.to_yaml()
+    return yaml
 
 
 def _grid_text(grid: Grid) -> str:
