@@ -5,37 +5,7 @@ import pytest
 
 from actors.robots.latency import FRAME_MS, Change, Latency, changes
 from common.actions import KEYS_OF_ACTION, Keys
-
-
-class LateHands:
-    """A room whose keys follow the command after ``delay`` frames, and ``never`` keys not at
-    all."""
-
-    def __init__(self, delay: int, *, never: Keys = Keys.NONE, stray: Keys = Keys.NONE) -> None:
-        self._delay = delay
-        self._never = never
-        self._stray = stray
-        self.rest()
-
-    @property
-    def held(self) -> Keys:
-        return self._pressed
-
-    def rest(self) -> None:
-        self._wanted = self._pressed = Keys.NONE
-        self._since = 0
-
-    def command(self, keys: Keys) -> None:
-        if keys != self._wanted:
-            self._wanted, self._since = keys, 0
-
-    def step_frame(self) -> Keys:
-        self._since += 1
-        if self._since >= self._delay and not self._never & self._wanted:
-            self._pressed = self._wanted
-        elif self._since == 1:
-            return self._pressed | self._stray
-        return self._pressed
+from tests.actors.robots.late_hands import LateHands
 
 
 @pytest.mark.parametrize("delay", [1, 2, 4])
@@ -52,11 +22,11 @@ def test_a_known_delay_is_found_for_every_pair(delay: int) -> None:
 
 
 def test_keys_that_are_never_pressed_count_as_not_reached() -> None:
-    found = list(changes(LateHands(2, never=Keys.FIRE), 1, 0))
+    firing = [action for action, keys in enumerate(KEYS_OF_ACTION) if keys & Keys.FIRE]
+    hands = LateHands(2, never=[KEYS_OF_ACTION[action] for action in firing])
+    found = list(changes(hands, 1, 0))
     unreached = [each for each in found if each.frames is None]
-    assert {each.new for each in unreached} == {
-        action for action, keys in enumerate(KEYS_OF_ACTION) if keys & Keys.FIRE
-    }
+    assert {each.new for each in unreached} == {*firing}
     assert Latency.of(found).unreached == len(unreached)
 
 

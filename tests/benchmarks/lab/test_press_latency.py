@@ -10,37 +10,16 @@ import pytest
 from actors.robots.latency import Change
 from benchmarks import report
 from benchmarks.lab import press_latency
-from common.actions import KEYS_OF_ACTION, Keys
+from common.actions import KEYS_OF_ACTION
 from common.errors import InputError
 from common.registry import ROBOTS, RobotKind
+from tests.actors.robots.late_hands import LateHands
 from tests.extending.whole_run import added
 
 
-class TwoFrames:
-    """A robot whose hands need two frames, and for "up left fire" for ever."""
-
-    def __init__(self, *_: object) -> None:
-        self.rest()
-
-    def rest(self) -> None:
-        self._wanted, self._pressed, self._since = Keys.NONE, Keys.NONE, 0
-
-    def command(self, keys: Keys) -> None:
-        if keys != self._wanted:
-            self._wanted, self._since = keys, 0
-
-    def step_frame(self) -> Keys:
-        self._since += 1
-        if self._since >= 2 and self._wanted != KEYS_OF_ACTION[15]:
-            self._pressed = self._wanted
-        return self._pressed
-
-    def close(self) -> None:
-        pass
-
-
 def run(*flags: str) -> None:
-    with added(ROBOTS, RobotKind("late", TwoFrames, joints=0)):
+    late = LateHands(2, never=[KEYS_OF_ACTION[15]])  # "up left fire"
+    with added(ROBOTS, RobotKind("late", lambda *_: late, joints=0)):
         report.run(
             "lab.press_latency",
             press_latency.Options,
