@@ -15,10 +15,15 @@ from deploy.__main__ import main
 Commands = dict[str, list[str]]
 
 
-def launch(monkeypatch: pytest.MonkeyPatch, engine: str, runs: Path, *flags: str) -> Path:
-    own = (engine, "--replay", "--run=r", f"--runs={runs}", "--actors=1", "--cpus=1")
-    monkeypatch.setattr(sys, "argv", ["ale-robot launch", *own, "--", *flags])
+def launch(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> None:
+    monkeypatch.setattr(sys, "argv", ["ale-robot launch", *arguments])
     main()
+
+
+def launch_replay(monkeypatch: pytest.MonkeyPatch, engine: str, runs: Path, *flags: str) -> Path:
+    """Launches a run called r with a replay of its own; returns the folder of what is written."""
+    own = (engine, "--replay", "--run=r", f"--runs={runs}", "--actors=1", "--cpus=1")
+    launch(monkeypatch, *own, "--", *flags)
     return runs / "r" / engine
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks.child import free_endpoint
-from tests.deploy.launched import COMMANDS, Commands, launch
+from tests.deploy.launched import COMMANDS, Commands, launch_replay
 from tests.end_to_end.conftest import SMALL
 from tests.http_get import get
 from tests.paths import ROOT
@@ -95,7 +95,7 @@ def test_the_commands_are_a_run_and_its_replay_may_die(
 ) -> None:
     """Compose's replay, which loads no PyTorch, is started as by an engine, others forked."""
     flags = ("--env=ale", "--steps=300", *SMALL)  # over before a test, which wants an evaluator
-    place = launch(monkeypatch, engine, tmp_path / "runs", *flags)
+    place = launch_replay(monkeypatch, engine, tmp_path / "runs", *flags)
     containers = Containers(COMMANDS[engine](place), tmp_path, compose=engine == "compose")
     request.addfinalizer(containers.close)
     if engine == "kubernetes":

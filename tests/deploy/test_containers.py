@@ -3,7 +3,6 @@
 import json
 import shlex
 import subprocess
-import sys
 from base64 import b64decode
 from collections.abc import Sequence
 from pathlib import Path
@@ -16,19 +15,16 @@ from cryptography.x509.oid import NameOID
 from actors.options import ActorOptions
 from common.process.command_line import parse, parse_run
 from common.transport.credentials import Credentials
-from deploy.__main__ import main
 from learner.options import LearnerOptions
-from tests.deploy.launched import kustomized
+from tests.deploy.launched import kustomized, launch
 from tests.paths import ROOT
 
 RUN = ("--run=pong", "--actors=3", "--max-actors=6", "--evaluators=2", "--cpus=5", "--memory=7")
 FLAGS = ("--env", "ale", "--initial", "ale_pong", "--learning.n-step", "5")
 
 
-def launch(monkeypatch: pytest.MonkeyPatch, engine: str, runs: Path, *own: str) -> Path:
-    argv = ["ale-robot launch", engine, f"--runs={runs}", *RUN, *own, "--", *FLAGS]
-    monkeypatch.setattr(sys, "argv", argv)
-    main()
+def launch_pong(monkeypatch: pytest.MonkeyPatch, engine: str, runs: Path, *own: str) -> Path:
+    launch(monkeypatch, engine, f"--runs={runs}", *RUN, *own, "--", *FLAGS)
     return runs / "pong" / engine
 
 
@@ -61,7 +57,7 @@ def joins(command: Sequence[str]) -> ActorOptions:
 @pytest.fixture
 def objects(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> dict[tuple[str, str], Any]:
     """Whatever `kubectl apply -k` would send, by kind and name."""
-    place = launch(monkeypatch, "kubernetes", tmp_path, "--image=host:5000/a:1", "--gpus=1")
+    place = launch_pong(monkeypatch, "kubernetes", tmp_path, "--image=host:5000/a:1", "--gpus=1")
     return kustomized(place, "pong")
 
 
@@ -136,7 +132,7 @@ def test_each_pod_of_kubernetes_is_let_through_to_where_it_must(
 def test_the_certificates_of_kubernetes_are_for_its_hub(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    place = launch(monkeypatch, "kubernetes", tmp_path) / "certificates"
+    place = launch_pong(monkeypatch, "kubernetes", tmp_path) / "certificates"
     for role in ("hub", "learner"):
         Credentials.find(place, role)
     show = ["openssl", "x509", "-in", str(place / "hub.pem"), "-noout", "-ext", "subjectAltName"]
@@ -148,7 +144,7 @@ def test_the_certificates_of_kubernetes_are_for_its_hub(
     own = ["hub.pem", "hub-key.pem", "learner.pem", "learner-key.pem"]
     assert files == {"hub": ["ca.pem", "actors.txt", *own]}
     before = (place / "hub.pem").read_bytes()
-    launch(monkeypatch, "kubernetes", tmp_path)
+    launch_pong(monkeypatch, "kubernetes", tmp_path)
     assert (place / "hub.pem").read_bytes() == before
 
 
@@ -195,7 +191,7 @@ def test_each_actor_of_kubernetes_has_the_certificate_of_its_name_alone(
 def test_kubernetes_without_certificates_has_no_place_for_them(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    found = kustomized(launch(monkeypatch, "kubernetes", tmp_path, "--no-tls"), "pong")
+    found = kustomized(launch_pong(monkeypatch, "kubernetes", tmp_path, "--no-tls"), "pong")
     assert not [name for kind, name in found if kind == "Secret"]
     for name in ("actors", "evaluators"):
         spec = found["StatefulSet", name]["spec"]["template"]["spec"]
@@ -206,7 +202,7 @@ def test_kubernetes_without_certificates_has_no_place_for_them(
 
 def test_compose_gets_what_was_described(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     yaml = pytest.importorskip("yaml")
-    place = launch(monkeypatch, "compose", tmp_path)
+    place = launch_pong(monkeypatch, "compose", tmp_path)
     services = json.loads((place / "compose.override.yaml").read_text())["services"]
     base = yaml.safe_load((place / "compose.yaml").read_text())
     assert set(services) == set(base["services"])

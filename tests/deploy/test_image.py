@@ -7,14 +7,13 @@ import json
 import os
 import shutil
 import subprocess
-import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
 
-from deploy.__main__ import main
+from tests.deploy.launched import launch
 from tests.end_to_end.conftest import SMALL
 from tests.paths import ROOT
 from tests.patience import wait_until
@@ -78,8 +77,7 @@ def test_containers_of_the_image_are_a_run(
     runs = tmp_path / "runs"
     own = (f"--runs={runs}", "--run=r", "--actors=1", "--cpus=1")
     flags = ("--env=ale", "--steps=2500", *SMALL)
-    monkeypatch.setattr(sys, "argv", ["ale-robot launch", "compose", *own, "--", *flags])
-    main()
+    launch(monkeypatch, "compose", *own, "--", *flags)
     override = json.loads((runs / "r" / "compose" / "compose.override.yaml").read_text())
     run = buildah("run", "--isolation=chroot", container, "--")
     image = buildah("inspect", "--type=image", "ale-robot")

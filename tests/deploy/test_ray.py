@@ -16,7 +16,7 @@ import pytest
 
 from benchmarks.catch import install
 from common.errors import InputError
-from deploy.__main__ import main
+from tests.deploy.launched import launch
 from tests.end_to_end.conftest import SMALL
 from tests.paths import ROOT
 from tests.patience import PATIENCE, wait_until
@@ -32,9 +32,8 @@ def test_the_extra_that_is_missing_is_named(
     monkeypatch.setitem(sys.modules, "ray", None)
     for name in ("deploy.ray_cluster", "deploy.ray_keepers"):
         monkeypatch.delitem(sys.modules, name, raising=False)
-    monkeypatch.setattr(sys, "argv", ["deploy", "ray", "--run=r", f"--runs={tmp_path}"])
     with pytest.raises(InputError, match=r"launch ray needs .* pip install 'ale-robot\[ray\]'"):
-        main()
+        launch(monkeypatch, "ray", "--run=r", f"--runs={tmp_path}")
 
 
 class RayCluster:
@@ -63,8 +62,7 @@ class RayCluster:
         return ["ray", *own, "--cpus=1", "--memory=1", "--actor-memory=1", *arguments]
 
     def launch(self, monkeypatch: pytest.MonkeyPatch, *arguments: str) -> None:
-        monkeypatch.setattr(sys, "argv", ["deploy", *self.command(*arguments)])
-        main()
+        launch(monkeypatch, *self.command(*arguments))
 
     def processes(self) -> dict[str, tuple[int, int]]:
         """Number and node of each process of the run, by its name; a node is that of its raylet."""

@@ -3,17 +3,15 @@
 import json
 import re
 import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from common.process.command_line import parse_run
-from deploy.__main__ import main
 from learner.options import LearnerOptions
 from replay.__main__ import ReplayOptions
-from tests.deploy.launched import COMMANDS, kustomized, launch
+from tests.deploy.launched import COMMANDS, kustomized, launch, launch_replay
 
 
 @pytest.mark.parametrize("engine", COMMANDS)
@@ -33,7 +31,7 @@ def test_the_replay_has_the_settings_that_the_learners_flags_mean(
     learners = ("--steps=300000", "--keep-snapshots", "--films=1", "--initial", "robot_pong_pixels")
     both = ("--actor-quota=77", "--log-json", "--restart", "2")
     flags = (f"--config={more}", "--preset=robot", *given, *learners, *both, "--http=127.0.0.1:1")
-    commands = COMMANDS[engine](launch(monkeypatch, engine, tmp_path / "runs", *flags))
+    commands = COMMANDS[engine](launch_replay(monkeypatch, engine, tmp_path / "runs", *flags))
     shell, dash_c, text = commands["replay"]
     told = re.fullmatch(
         r"if \[ -e /runs/r/replay \]; then exec python3 -m replay (.+) --resume; "
@@ -57,7 +55,8 @@ def test_a_learner_that_only_waited_for_its_replay_still_knows_what_it_begins_wi
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     flags = ("--env=ale", "--initial", "ale_pong")
-    _, _, text = COMMANDS["compose"](launch(monkeypatch, "compose", tmp_path, *flags))["learner"]
+    place = launch_replay(monkeypatch, "compose", tmp_path, *flags)
+    _, _, text = COMMANDS["compose"](place)["learner"]
     told = re.fullmatch(
         r"if \[ -e /runs/r/config.json \]; then exec python3 -m learner (.+) --resume; "
         r"else exec python3 -m learner (.+); fi",
@@ -75,7 +74,7 @@ def test_compose_has_all_files_of_a_run_by_env(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     yaml = pytest.importorskip("yaml")
-    place = launch(monkeypatch, "compose", tmp_path)
+    place = launch_replay(monkeypatch, "compose", tmp_path)
     name, _, files = (place / ".env").read_text().strip().partition("=")
     assert name == "COMPOSE_FILE"
     base, replay, own = (yaml.safe_load((place / each).read_text()) for each in files.split(":"))
@@ -85,8 +84,7 @@ def test_compose_has_all_files_of_a_run_by_env(
     for key in ("read_only", "tmpfs", "cap_drop", "security_opt", "volumes", "networks", "restart"):
         assert services[1]["replay"][key] == services[0]["learner"][key]
     assert services[1]["learner"] == {"depends_on": ["replay"]}
-    monkeypatch.setattr(sys, "argv", ["", "compose", "--run=r", f"--runs={tmp_path}"])
-    main()
+    launch(monkeypatch, "compose", "--run=r", f"--runs={tmp_path}")
     assert (place / ".env").read_text() == "COMPOSE_FILE=compose.yaml:compose.override.yaml\n"
 
 
@@ -95,8 +93,7 @@ def objects(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> dict[tuple[str, 
     """Whatever `kubectl apply -k` would send, by kind and name; secrets without their hash."""
     own = ("--run=r", f"--runs={tmp_path}", "--image=host:5000/a:1")
     size = ("--replay-cpus=3", "--replay-memory=5")
-    monkeypatch.setattr(sys, "argv", ["", "kubernetes", "--replay", *size, *own])
-    main()
+    launch(monkeypatch, "kubernetes", "--replay", *size, *own)
     return kustomized(tmp_path / "r/kubernetes", "r")
 
 
@@ -182,11 +179,10 @@ def test_a_hub_that_has_another_name_now_gets_its_certificate(
         show = ["openssl", "x509", "-in", str(hub), "-noout", "-ext", "subjectAltName"]
         return subprocess.run(show, check=True, capture_output=True, text=True).stdout
 
-    monkeypatch.setattr(sys, "argv", ["", "kubernetes", "--run=r", f"--runs={tmp_path}"])
-    main()
+    launch(monkeypatch, "kubernetes", "--run=r", f"--runs={tmp_path}")
     assert "DNS:learner" in names()
     authority = (tmp_path / "r/kubernetes/certificates/ca.pem").read_bytes()
-    launch(monkeypatch, "kubernetes", tmp_path)
+    launch_replay(monkeypatch, "kubernetes", tmp_path)
     assert "DNS:replay" in names()
     assert (tmp_path / "r/kubernetes/certificates/ca.pem").read_bytes() == authority
     secrets = json.loads((tmp_path / "r/kubernetes/kustomization.yaml").read_text())
