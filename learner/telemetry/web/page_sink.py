@@ -32,7 +32,7 @@ from learner.telemetry.snapshot import Snapshot
 from learner.telemetry.web.figures import about, figures
 from learner.telemetry.web.history import History
 
-_PAGE = Path(__file__).parent / "page"
+PAGE = Path(__file__).parent / "page"
 _MAX_EVENTS = 200
 _MAX_FILMS = 200
 _log = logging.getLogger(__name__)
@@ -62,7 +62,7 @@ class PageSink(Sink):
             Route("/state", self._state),
             Route("/view/{role}/{name}", self._view),
             Route("/films/{name}", self._film),
-            Mount("/", StaticFiles(directory=_PAGE, html=True)),
+            Mount("/", StaticFiles(directory=PAGE, html=True)),
         ]
         self._server = HttpServer(Starlette(routes=routes), host, port, "--web")
         self.url = self._server.url
