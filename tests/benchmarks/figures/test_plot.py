@@ -377,6 +377,7 @@ def test_scores_in_a_heat_map_stand_out_from_every_colour() -> None:
     means = {(each, float(score)): float(score) for each in optics for score in scores}
     axes = robustness_figure([Grid("all", optics, scores.tolist(), means)]).axes[0]
     (image,) = axes.get_images()
+    assert len(axes.texts) == len(optics) * len(scores)
     for text in axes.texts:
         cell = image.to_rgba(scores[int(text.get_position()[0])])
         shades = [_luminance([*colour[:3]]) + 0.05 for colour in (to_rgba(text.get_color()), cell)]
