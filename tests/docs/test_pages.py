@@ -76,10 +76,12 @@ def test_the_readme_is_read_in_five_minutes() -> None:
     assert len((ROOT / "README.md").read_text(encoding="utf-8").split()) <= README_WORDS
 
 
-def test_the_page_of_environments_has_every_published_policy() -> None:
+def test_every_published_policy_is_told_and_counted() -> None:
     told = set(LINK.findall(prose(ROOT / "docs" / "environments.md")))
     assert CARDS
     assert {(f"../policies/{card.name}", "") for card in CARDS} <= told
+    comparison = (ROOT / "docs" / "comparison.md").read_text(encoding="utf-8")
+    assert f"[{len(CARDS)}, with cards](environments.md#published-policies)" in comparison
 
 
 @pytest.mark.parametrize("policy", [card.stem for card in CARDS if "pong" in card.stem])
