@@ -21,6 +21,7 @@ from common.run.fit import check_fit
 from common.run.origin import origin_of
 from common.run.own_settings import ENVIRONMENT, ROBOT
 from common.run.presets import PRESETS
+from common.run.rules import check_robot
 from common.run.stored_config import flat
 
 File = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
@@ -84,6 +85,7 @@ class Played:
             robot_settings=ROBOT.going_on(flat(config), given),
             env_settings=ENVIRONMENT.going_on(flat(config), given),
         )
+        before = config
         config = replace(
             config.for_play,
             env=self.env or config.env,
@@ -92,6 +94,7 @@ class Played:
             play=play,
         )
         config.check()
+        check_robot(before, config)
         if weights is not None:
             check_fit(weights, trained, config)
         return config

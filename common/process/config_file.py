@@ -33,6 +33,8 @@ def with_file(arguments: Sequence[str]) -> list[str]:
         if file.suffix == ".json":
             told = json.loads(text)
             stored = told.get("config", told) if isinstance(told, dict) else told
+            if isinstance(stored, dict) and stored.keys().isdisjoint(vars(RunConfig())):
+                raise ValueError("it holds no settings of a run")
             told = dataclasses.asdict(from_mapping(RunConfig, stored, str(file), fill=True))
         else:
             told = tomllib.loads(text)

@@ -8,6 +8,7 @@ from common.pinned_file import path_of
 from common.proprioception import MAX_VECTOR
 from common.protocol.step_fields import FRAME_BYTES, drawn_fields
 from common.protocol.wire import MAX_MESSAGE_BYTES
+from common.registry import ENVIRONMENTS
 from common.run.ranges import check_ranges, ignored_in
 
 if TYPE_CHECKING:
@@ -30,6 +31,15 @@ def check_rules(config: "RunConfig") -> None:
     _check_learning_rate(config)
     _check_messages(config)
     _check_replay(config)
+
+
+def check_robot(before: "RunConfig", config: "RunConfig") -> None:
+    """Refuses a robot that the flags chose, and nobody would play by. The robot of the settings
+    ``before`` may stay, so that the emulator alone plays what any robot learned."""
+    env, play = config.env, config.play
+    chosen = play.robot != before.play.robot and not play.latency_model
+    if chosen and not ENVIRONMENTS.find(env).robot:
+        raise InputError(f"--robot {play.robot} is for a robot, and --env {env} has none: omit it.")
 
 
 def _check_ignored(config: "RunConfig") -> None:

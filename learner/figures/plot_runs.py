@@ -91,6 +91,8 @@ def read_groups(paths: Sequence[Path], phase: Phase = "test") -> list[Group]:
 
 def _read(path: Path, phase: Phase) -> Run:
     table = path / "epochs.csv" if path.is_dir() else path
+    if not table.exists() and RunFolder.at(path) is None:
+        raise InputError(f"{path} holds no run: name a run's folder or a results file.")
     rows = EpochTable(table).rows()
     if not any(row.phase != "random" for row in rows):
         raise InputError(

@@ -181,6 +181,8 @@ def test_what_is_played_comes_from_the_run_of_the_weights(tmp_path: Path) -> Non
     assert Played(robot="a.npz").config(weights).play == replace(ran.play, robot="a.npz")
     with pytest.raises(InputError, match="there is no robot 'atlas'"):
         Played(robot="atlas").config()
+    with pytest.raises(InputError, match=r"^--robot robotroller is for a robot, and --env ale has"):
+        Played("ale", robot="robotroller").config(weights)
 
 
 @dataclass(frozen=True)

@@ -437,7 +437,7 @@ def test_files_of_another_kind_are_refused(tmp_path: Path) -> None:
     for figure, path, words in (
         ("epochs", text, "is not a table of epochs"),
         ("progress", empty, "no complete epoch"),
-        ("epochs", tmp_path, "no complete epoch"),
+        ("epochs", tmp_path, "holds no run: name a run's folder or"),
         ("delay", text, "is not a table of"),
         ("delay", empty, "is not a table of"),
         ("delay", late(tmp_path / "headed.csv"), "is not a table of"),

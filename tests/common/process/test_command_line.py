@@ -12,6 +12,7 @@ from common.checked import Patience
 from common.errors import InputError
 from common.process.command_line import RunOptions, WeightsFile, parse, parse_run, preset_of
 from common.process.exit_codes import EXIT_CODES
+from common.run.conditions import PlayConfig
 from common.run.config import RunConfig
 from common.run.origin import SHIPPED, name_of
 from common.run.presets import PRESETS
@@ -90,6 +91,16 @@ def test_a_robot_is_named_by_either_flag_and_its_file_gets_a_hash(tmp_path: Path
     assert parsed("--resume", stored=first).config == first
     again = parsed("--resume", "--robot", str(file), stored=first).config
     assert again.play.robot.startswith(f"{file}#sha256=a52d159f")
+
+
+def test_the_emulator_alone_is_played_by_no_robot_that_a_flag_chooses(tmp_path: Path) -> None:
+    for name in ("robotroller", "atlas"):
+        with pytest.raises(InputError, match=rf"^--robot {name} is for a robot, and --env ale has"):
+            parsed("--env", "ale", "--robot", name)
+    (model := tmp_path / "hand.npz").touch()  # the emulator follows it too
+    parsed("--env", "ale", "--robot", str(model))
+    learned = replace(PRESETS["robot"], play=replace(PlayConfig(), robot="robotroller"))
+    assert parsed("--resume", "--env", "ale", stored=learned).config.play.robot == "robotroller"
 
 
 def test_all_ranges_are_drawn_except_for_those_that_are_given() -> None:

@@ -53,6 +53,7 @@ def test_settings_of_a_stored_run_or_a_card_are_taken_whole(tmp_path: Path) -> N
         ("run.toml", "x = " + "[" * 50_000, r"cannot be read \(maximum recursion"),
         ("run.toml", r'runs = "\u0000"', "holds a NUL character: remove it"),
         ("config.json", "[]", "should be a table"),
+        ("config.json", '{"a": 1}', r"cannot be read \(it holds no settings of a run\): mend"),
         ("config.json", "[" * 100_000, r"cannot be read \(maximum recursion"),
         ("none.toml", None, r"cannot be read \(No such file or directory\): mend this file, or"),
     ],
