@@ -91,17 +91,15 @@ def publish(options: Options, stop: threading.Event) -> dict[str, Any]:
 def _trained(options: Options) -> tuple[RunConfig, QNetwork, dict[str, Any]]:
     """Returns the run's settings, the network to publish, and what the card says of its
     training."""
-    if not options.run.is_dir():
-        raise InputError(f"{options.run} does not exist: name the folder of a run.")
-    folder = RunFolder(options.run.parent, options.run.name)
+    folder = RunFolder.at(options.run)
+    config = folder and folder.stored_config()
+    if folder is None or config is None:
+        raise InputError(f"{options.run} is not a run: name a run's folder, such as runs/first.")
     snapshots = Snapshots(folder.snapshots)
     source = folder.checkpoint if options.last else snapshots.best
     for file in (source, *([] if options.last else [snapshots.best_card]), folder.summary):
         if not file.is_file():
             raise InputError(f"{file} does not exist: continue the run until it does.")
-    config = folder.stored_config()
-    if config is None:
-        raise InputError(f"{folder.config_file} does not exist: name the folder of a run.")
     try:
         found = decode_weights(source.read_bytes())
         network = build_network(config, count_actions_of(config, found))
