@@ -100,13 +100,14 @@ class CheckedEnv(gymnasium.Wrapper[Any, Any, Any, Any], ShownEnv[Any, Any]):
 
     def step(self, action: Any) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:
         before = self._frames
-        observation, *rest = self.env.step(action)
+        observation, reward, terminated, truncated, info = self.env.step(action)
         if (self._checked(observation)[:-1] != before[1:]).any():
             raise InputError(
                 f"{self._name} changes older frames of a state: keep them and append the new one, "
                 "as the replay will."
             )
-        return observation, *rest
+        # If a time limit passes as the episode ends, Gymnasium's wrapper says both. It has ended.
+        return observation, reward, terminated, truncated and not terminated, info
 
     def _checked(self, observation: Any) -> NDArray[np.uint8]:
         frames, vector = frames_and_vector(observation)

@@ -181,6 +181,15 @@ def shown(env: gymnasium.Env[Any, Any], *actions: int) -> CheckedEnv:
     return checked
 
 
+@pytest.mark.parametrize("limit", [GAME_STEPS - 1, GAME_STEPS])
+def test_a_time_limit_that_passes_as_the_game_ends_is_none(limit: int) -> None:
+    """The replay refuses a chunk with a step that is both terminated and truncated."""
+    env = shown(gymnasium.wrappers.TimeLimit(Lamps(CONFIG.play), limit))
+    ends = [env.step(0)[2:4] for _ in range(limit)]
+    assert ends[:-1] == [(False, False)] * (limit - 1)
+    assert ends[-1] == (limit == GAME_STEPS, limit < GAME_STEPS)
+
+
 def test_what_it_renders_is_shown_between_margins_and_at_its_own_rate() -> None:
     lamps = Lamps(CONFIG.play, "rgb_array")
     env = shown(lamps, 2)
