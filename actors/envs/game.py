@@ -131,7 +131,7 @@ class AtariGame:
         self.steps += 1
         limit = self._play.max_game_frames
         ended = self.emulator.game_over
-        cut = not ended and 0 < limit <= self.emulator.frames
+        cut = 0 < limit <= self.emulator.frames
         self.over = ended or cut
         terminated = ended or (self._training and self._life_lost)
         self._carries_on = terminated and not self.over

@@ -45,8 +45,7 @@ class Chunker:
         if step.begins:
             self._age = 0
         if not self._steps:
-            older = min(self._age, len(step.s_tm1) - 1)
-            self._context = step.s_tm1[-1 - older : -1].copy()
+            self._context = step.s_tm1[-1 - self._age : -1].copy()
         self._age += 1
         # The loop overwrites its states in place, and an environment may do so with its
         # observations, so copy what the chunk needs.
