@@ -61,8 +61,10 @@ def test_what_both_commands_hold_stays_down() -> None:
 
 def test_a_command_on_the_way_is_overtaken() -> None:
     keys = ActuationDelay(PlayConfig(press_latency=6))
-    # UP would be down from the seventh frame on; DOWN starts anew from where the hand is.
-    assert frames(keys, UP, DOWN, DOWN) == [[NONE] * 4, [NONE] * 4, [NONE, NONE, DOWN, DOWN]]
+    # UP would be down from the seventh frame on; what is new starts from where the hand is.
+    for new in (DOWN, UP | FIRE):
+        keys.rest()
+        assert frames(keys, UP, new, new) == [[NONE] * 4, [NONE] * 4, [NONE, NONE, new, new]]
 
 
 def test_lateness_is_of_game_time_however_many_commands_are_given() -> None:

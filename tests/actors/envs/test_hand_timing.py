@@ -38,17 +38,19 @@ def test_jitter_moves_the_result_by_no_more_than_itself() -> None:
 
 
 class Wavering(UnevenHands):
-    """Hands that press FIRE later in some tries than in others, and later still on the way."""
+    """Hands that press and release FIRE later in some tries than in others, and press it later
+    still on the way."""
 
     def __init__(self) -> None:
         super().__init__({Keys.FIRE: (0, 0)})
-        self._tries = iter((5, 9, 3, 7, 4, 8))
+        # Of each try: at rest, the release before the press in play, that press, the release.
+        self._tries = iter((5, 0, 9, 6, 3, 0, 7, 2, 4, 0, 8, 4))
 
     def command(self, keys: Keys) -> None:
         super().command(keys)
-        if keys:
-            self.latencies = {Keys.FIRE: (0, next(self._tries))}
+        late = next(self._tries)
+        self.latencies = {Keys.FIRE: (late, late)}
 
 
 def test_the_soonest_try_counts() -> None:
-    assert key_latencies(Wavering(), Keys.FIRE) == {Keys.FIRE: (0, 3, 7)}
+    assert key_latencies(Wavering(), Keys.FIRE) == {Keys.FIRE: (2, 3, 7)}

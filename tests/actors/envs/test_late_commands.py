@@ -110,14 +110,16 @@ def test_jitter_only_adds_up_to_its_bound_and_keeps_the_order(
     assert (lateness <= latency + jitter).all()
 
 
-def test_jitter_is_drawn_for_each_command_uniformly() -> None:
+@pytest.mark.parametrize("latency", [0, 2])
+def test_jitter_is_drawn_for_each_command_uniformly(latency: int) -> None:
     prompt = PromptHands()
-    hands = late(prompt, 2, 3)
+    play = PlayConfig(actuation_latency=latency, actuation_jitter=3)
+    hands = hands_of(play, prompt, np.random.default_rng(0))
     for number in range(2_000):
         pressed_after(hands, KEYS_OF_ACTION[number % 18], 8)
     lateness = np.array([frame - 8 * number for number, (frame, _) in enumerate(prompt.told)])
     _, counts = np.unique(lateness, return_counts=True)
-    assert set(lateness) == {2, 3, 4, 5}
+    assert set(lateness - latency) == {0, 1, 2, 3}
     assert counts / len(lateness) == pytest.approx(0.25, abs=0.04)
 
 
