@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from actors.exploration import DURATION_LAW, GREEDY, LEAST, MEAN_DURATION, MOST, Exploration
+from actors.exploration import DURATION_LAW, GREEDY, MEAN_DURATION, Exploration
 from common.run.config import ExplorationConfig
 
 
@@ -22,8 +22,8 @@ def runs(drawn: list[int]) -> list[tuple[int, int]]:
 
 def test_the_law_is_three_more_than_zipf_cut_at_twelve() -> None:
     # Drawn from NumPy's own Zipf.
-    drawn = np.minimum(3 + np.random.default_rng(0).zipf(2.0, 200_000), MOST)
-    counts = np.bincount(drawn, minlength=MOST + 1)[LEAST:]
+    drawn = np.minimum(3 + np.random.default_rng(0).zipf(2.0, 200_000), 12)
+    counts = np.bincount(drawn, minlength=13)[4:]
     expected = DURATION_LAW * len(drawn)
     # χ² of 8 degrees of freedom is below 26.1 with probability 0.999.
     assert ((counts - expected) ** 2 / expected).sum() < 26.1
@@ -35,8 +35,8 @@ def test_a_random_action_lasts_by_that_law() -> None:
     chance = exploration(actions=1_000, ez_greedy=True)
     drawn = [int(chance.draw(0.5)[0]) for _ in range(60_000)]
     lengths = [length for action, length in runs(drawn)[1:-1] if action != GREEDY]
-    assert min(lengths) == LEAST
-    counts = np.bincount(lengths, minlength=MOST + 1)[LEAST : MOST + 1]
+    assert min(lengths) == 4
+    counts = np.bincount(lengths, minlength=13)[4:13]
     expected = DURATION_LAW * len(lengths)
     assert ((counts - expected) ** 2 / expected).sum() < 26.1
 
@@ -48,7 +48,7 @@ def test_the_share_of_random_agent_steps_is_epsilon(epsilon: float, ez_greedy: b
     drawn = np.array([chance.draw(epsilon) for _ in range(10_000)])
     share = (drawn != GREEDY).mean()
     # Runs of up to 12 make 80,000 agent steps worth some 80,000 / 12 independent ones at least.
-    deviation = np.sqrt(epsilon * (1 - epsilon) / (80_000 / (MOST if ez_greedy else 1)))
+    deviation = np.sqrt(epsilon * (1 - epsilon) / (80_000 / (12 if ez_greedy else 1)))
     assert abs(share - epsilon) <= 4 * deviation
     assert set(np.unique(drawn)) <= {GREEDY, *range(6)}
 

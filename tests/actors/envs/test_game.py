@@ -1,6 +1,8 @@
 """The rules of games and episodes, which emulator and robot share."""
 
 from collections import Counter
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -129,6 +131,23 @@ def test_a_random_start_that_ends_the_game_begins_again_from_the_beginning() -> 
     _begin(game)
     assert (game.steps, game.score, game.emulator.frames, game.emulator.lives) == (0, 0, 0, 5)
     assert not game.emulator.game_over
+
+
+def test_a_life_that_is_won_ends_no_episode_but_its_loss_does() -> None:
+    """However many lives are left: the last of these steps ends with as many as it began with."""
+    game = AtariGame("breakout", _NO_START, training=True)
+    _begin(game)
+    lives = iter([5, 6, 6, 6, 6, 5, 5, 6])
+
+    def act(action: int) -> float:
+        console.lives = next(lives)
+        return 0.0
+
+    console: Any = SimpleNamespace(act=act, game_over=False, frames=4)
+    game.emulator = console
+    assert _decide(game, 0) == (0.0, False, False)
+    assert _decide(game, 0) == (0.0, True, False)
+    assert not game.over
 
 
 def test_nothing_is_scored_after_game_over() -> None:

@@ -12,8 +12,6 @@ from actors.robots.nao.controller import (
     CENTRE,
     KEY_PITCH,
     KEY_PLACES,
-    PRESS_DEPTH,
-    RELEASE_DEPTH,
     SPRING_FORCE,
     TRAVEL,
     Controller,
@@ -66,8 +64,9 @@ def test_a_key_stops_at_the_end_of_its_travel(engine: Any, controller: Controlle
 
 @pytest.mark.parametrize("threshold", [1.0, 0.5, 1.4])
 def test_hysteresis(engine: Any, controller: Controller, threshold: float) -> None:
+    """A key is pressed 2.0 mm down, and released 1.2 mm down."""
     controller.set_threshold(threshold)
-    press, release = threshold * PRESS_DEPTH, threshold * RELEASE_DEPTH
+    press, release = threshold * 0.0020, threshold * 0.0012
     link = controller.movables[list(KEY_PLACES).index(Keys.LEFT)][0]
     found = []
     for depth in (press - 1e-5, press + 1e-5, release + 1e-5, release - 1e-5, press - 1e-5):
