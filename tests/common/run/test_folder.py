@@ -123,13 +123,20 @@ def test_a_start_that_failed_binds_nobody_to_its_settings(tmp_path: Path) -> Non
 
 
 def test_a_replay_binds_the_learner(tmp_path: Path) -> None:
+    """Also once it has ended."""
     folder = claim(tmp_path, "replay")
     folder.replay.mkdir()
+    del folder
     with pytest.raises(InputError, match=r"\(seed 1 → 2\): omit .*: --run ANOTHER, without"):
         claim(tmp_path, config=replace(FAST, seed=2))
-    folder.checkpoint.touch()
-    with pytest.raises(InputError, match=rf": --run ANOTHER --initial {folder.path}, without"):
-        claim(tmp_path, config=replace(FAST, seed=2), resume=True)
+
+
+def test_a_learner_binds_the_replay(tmp_path: Path) -> None:
+    path = claim(tmp_path).checkpoint
+    path.touch()
+    for resume in (False, True):
+        with pytest.raises(InputError, match=f": --run ANOTHER --initial {path.parent}, without"):
+            claim(tmp_path, "replay", replace(FAST, seed=2), resume=resume)
 
 
 def test_a_run_may_be_older_than_a_setting(tmp_path: Path) -> None:
