@@ -336,6 +336,48 @@ def test_who_answers_without_end_is_not_listened_to_without_end(
     served.undeclare()
 
 
+_RUN = RunKeys("r")
+
+
+@pytest.mark.parametrize(
+    ("key", "most"),
+    [
+        *((key, 2**16) for key in (_RUN.sample, _RUN.held_out, _RUN.report("e"))),
+        (_RUN.priorities, 2**22),
+        (_RUN.insert("a"), 2**25),
+    ],
+)
+def test_a_hub_drops_what_is_longer_than_anything_that_is_asked(
+    zenoh_hub: ZenohTransport, zenoh_client: ZenohTransport, key: str, most: int
+) -> None:
+    sizes: list[int] = []
+
+    def answer(request: Request) -> bytes:
+        sizes.append(request.size)
+        return b"ok"
+
+    zenoh_hub.serve(key, answer)
+    wait_until(lambda: zenoh_client.gather(key, 1.0), "it is served")
+    zenoh_client.gather(key, 0.1, bytes(most + 1))
+    wait_until(lambda: zenoh_client.gather(key, 1.0, bytes(most // 2)), "half of it is answered")
+    assert max(sizes) == most // 2
+
+
+def test_a_hub_drops_reports_that_are_longer_than_any(
+    zenoh_hub: ZenohTransport, zenoh_client: ZenohTransport
+) -> None:
+    key, heard = _RUN.stats("actor", "a"), list[int]()
+    zenoh_hub.subscribe(key, lambda told: heard.append(len(told.payload)))
+    publisher, lengths = zenoh_client.publisher(key), cycle((2**16 + 1, 2**15, 2**15))
+
+    def are_heard() -> bool:
+        publisher.publish(bytes(next(lengths)))  # one at a time: two at once would be too often
+        return len(heard) >= 4
+
+    wait_until(are_heard, "the shorter ones are heard")
+    assert set(heard) == {2**15}
+
+
 @pytest.mark.parametrize(
     "answer",
     [
