@@ -92,7 +92,7 @@ def _trained(options: Options) -> tuple[RunConfig, QNetwork, dict[str, Any]]:
     """Returns the run's settings, the network to publish, and what the card says of its
     training."""
     folder = RunFolder.at(options.run)
-    config = folder and folder.stored_config()
+    config = None if folder is None else folder.stored_config()
     if folder is None or config is None:
         raise InputError(f"{options.run} is not a run: name a run's folder, such as runs/first.")
     snapshots = Snapshots(folder.snapshots)
