@@ -81,7 +81,7 @@ class Client:
             pace: maximum steps per second; None for no limit.
         """
         latencies = time_requests(self._transport)
-        outbox = InsertClient(
+        inserts = InsertClient(
             Member(
                 *(self._name, self._transport, self._keys, self._config),
                 *(_PATIENCE, threading.Event()),
@@ -97,13 +97,13 @@ class Client:
                 time.sleep(max(due - time.perf_counter(), 0.0))
                 due += steps / pace
             payload = next(chunks).encode()
-            outbox.send(payload)
+            inserts.send(payload)
             return len(payload)
 
         found = _figures(action, steps, latencies, seconds)
-        outbox.flush(_FLUSH)
+        inserts.flush(_FLUSH)
         counted = ("retried", "refused", "unacknowledged")
-        return found | {name: getattr(outbox, name) for name in counted}
+        return found | {name: getattr(inserts, name) for name in counted}
 
     def draw(self, seconds: float) -> dict[str, Any]:
         """Draws batches one after the other; returns the counts.

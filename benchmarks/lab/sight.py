@@ -85,11 +85,11 @@ def _drawn(look: Look) -> NDArray[np.uint8]:
     large = cv2.resize(look.picture, None, None, _SCALE, _SCALE, cv2.INTER_NEAREST)
     picture = np.asarray(large, np.uint8)
     label = f"{look.case.name} - {look.game}"
-    if look.sight.corners is not None:
-        overlay.outline(picture, look.sight.corners, _SCALE, overlay.MAGENTA, 1)
-    frame = cv2.cvtColor(look.sight.frame, cv2.COLOR_GRAY2RGB)
+    if look.detection.corners is not None:
+        overlay.outline(picture, look.detection.corners, _SCALE, overlay.MAGENTA, 1)
+    frame = cv2.cvtColor(look.detection.frame, cv2.COLOR_GRAY2RGB)
     picture[-len(frame) :, : frame.shape[1]] = frame
-    colour = overlay.MAGENTA if look.sight.valid else _LOST
+    colour = overlay.MAGENTA if look.detection.valid else _LOST
     picture[:30] = overlay.PAPER
     overlay.write(picture, label, (8, 22), size=0.7, colour=colour)
     return picture

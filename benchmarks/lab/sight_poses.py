@@ -114,7 +114,7 @@ class Look:
     case: Case
     game: str
     picture: NDArray[np.uint8]
-    sight: Detection
+    detection: Detection
     truth: NDArray[np.float64]
     """True corners, ``[4, 2]``, as `Detection.corners`."""
 
@@ -144,11 +144,11 @@ def measure(
             look = Look(case, game, picture, detectors[game].detect(picture), corners_in(room))
             tally = tallies[game]
             tally.pictures += 1
-            if look.sight.valid and look.sight.corners is not None:
-                away = np.linalg.norm(look.sight.corners - look.truth, axis=1)
+            if look.detection.valid and look.detection.corners is not None:
+                away = np.linalg.norm(look.detection.corners - look.truth, axis=1)
                 tally.errors.append(float(away.max()))
                 own = shrink(emulator.screen_grey()).astype(int)
-                tally.differences.append(float(np.abs(look.sight.frame - own).mean()))
+                tally.differences.append(float(np.abs(look.detection.frame - own).mean()))
             keep(look)
     room.close()
     return tallies

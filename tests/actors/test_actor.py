@@ -13,8 +13,7 @@ from actors.actor import Actor
 from actors.envs.checked import CheckedEnv
 from actors.member import Member
 from actors.policy import Policy
-from actors.stream import insert_client as outbox_module
-from actors.stream import weights_client as weights_inbox
+from actors.stream import insert_client, weights_client
 from actors.stream.weights_client import WeightsClient
 from common.errors import InputError
 from common.network import QNetwork
@@ -119,8 +118,8 @@ class Stage:
 def stage(hub: Transport, client: Transport, monkeypatch: pytest.MonkeyPatch) -> Iterator[Stage]:
     # An answer that is slow on a busy machine is still one.
     monkeypatch.setattr(actor_module, "FAREWELL", PATIENCE)
-    monkeypatch.setattr(outbox_module, "ACK_TIMEOUT", PATIENCE)
-    monkeypatch.setattr(weights_inbox, "_FETCH_TIMEOUT", PATIENCE)
+    monkeypatch.setattr(insert_client, "ACK_TIMEOUT", PATIENCE)
+    monkeypatch.setattr(weights_client, "_FETCH_TIMEOUT", PATIENCE)
     stage = Stage(hub, client)
     yield stage
     stage.stop.set()

@@ -110,7 +110,7 @@ def job(steps: int, epoch: int = 3, epsilon: float = 1.0) -> EvaluationJob:
 FINISHED = EvaluationJob("finished")
 
 
-def test_a_task_is_played_to_its_steps_and_each_game_reported(stage: Stage) -> None:
+def test_a_job_is_played_to_its_steps_and_each_game_reported(stage: Stage) -> None:
     env = NumberedEnv(TEN_STEPS_A_GAME)
     policy = stage.start(env)
     stage.give(job(steps=25, epsilon=0.5))

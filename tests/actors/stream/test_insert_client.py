@@ -9,7 +9,7 @@ from dataclasses import replace
 import pytest
 
 from actors.member import Member
-from actors.stream import insert_client as outbox_module
+from actors.stream import insert_client
 from actors.stream.insert_client import InsertClient
 from common.errors import InputError, MessageError
 from common.protocol.run_keys import RunKeys
@@ -33,12 +33,12 @@ def replay(hub: Transport) -> Iterator[PendingRequests]:
 
 
 class Sender:
-    """An outbox, what it warned of, and a way to let it wait in a thread of its own."""
+    """An insert client, what it warned of, and a way to let it wait in a thread of its own."""
 
     def __init__(self, client: Transport, patience: float = 300.0) -> None:
         self.stop = threading.Event()
         self.warnings: list[str] = []
-        self.outbox = InsertClient(
+        self.client = InsertClient(
             Member(
                 *("a", client, RunKeys("r"), CONFIG, patience, self.stop, 1, self.warnings.append)
             )
@@ -51,17 +51,17 @@ class Sender:
 
     def counts(self) -> tuple[int, int, int, int]:
         """Made, acknowledged, retried, refused."""
-        return self.outbox.made, self.outbox.acked, self.outbox.retried, self.outbox.refused
+        return self.client.made, self.client.acked, self.client.retried, self.client.refused
 
     def settled(self) -> None:
-        wait_until(lambda: self.outbox.unacknowledged == 0, "all is acknowledged")
+        wait_until(lambda: self.client.unacknowledged == 0, "all is acknowledged")
 
 
 @pytest.fixture
 def sender(
     replay: PendingRequests, client: Transport, monkeypatch: pytest.MonkeyPatch
 ) -> Iterator[Sender]:
-    monkeypatch.setattr(outbox_module, "ACK_TIMEOUT", PATIENCE)  # whatever holds the test up
+    monkeypatch.setattr(insert_client, "ACK_TIMEOUT", PATIENCE)  # whatever holds the test up
     sender = Sender(client)
     yield sender
     sender.stop.set()
@@ -74,14 +74,14 @@ def joined(thread: threading.Thread) -> None:
 
 def test_chunks_arrive_and_their_acks_count(replay: PendingRequests, sender: Sender) -> None:
     for number in range(5):
-        sender.outbox.post(b"chunk %d" % number)
+        sender.client.post(b"chunk %d" % number)
         query = replay.next()
         assert query.key == KEY
         assert query.payload == b"chunk %d" % number
         ack = replace(STORED, agent_steps=64 * number, weights_version=number)
         acknowledge(query, ack)
         sender.settled()
-        assert sender.outbox.last_ack == ack
+        assert sender.client.last_ack == ack
     assert sender.counts() == (5, 5, 0, 0)
     assert sender.warnings == []
 
@@ -89,16 +89,16 @@ def test_chunks_arrive_and_their_acks_count(replay: PendingRequests, sender: Sen
 def test_send_returns_while_there_is_room_and_waits_at_the_window(
     replay: PendingRequests, sender: Sender
 ) -> None:
-    sender.outbox.send(b"first")  # returns: one more may be under way
-    waiting = sender.beside(lambda: sender.outbox.send(b"second"))
+    sender.client.send(b"first")  # returns: one more may be under way
+    waiting = sender.beside(lambda: sender.client.send(b"second"))
     first, second = replay.next(), replay.next()
     assert [first.payload, second.payload] == [b"first", b"second"]
     waiting.join(0.3)
     assert waiting.is_alive()
-    assert sender.outbox.unacknowledged == WINDOW
+    assert sender.client.unacknowledged == WINDOW
     acknowledge(second)
     joined(waiting)
-    assert sender.outbox.unacknowledged == 1
+    assert sender.client.unacknowledged == 1
     acknowledge(first)
     sender.settled()
     assert sender.counts() == (2, 2, 0, 0)
@@ -109,7 +109,7 @@ def test_never_more_than_the_window_is_under_way(replay: PendingRequests, sender
 
     def send_all() -> None:
         for payload in sent:
-            sender.outbox.send(payload)
+            sender.client.send(payload)
 
     working = sender.beside(send_all)
     arrived: list[bytes] = []
@@ -132,12 +132,12 @@ def test_never_more_than_the_window_is_under_way(replay: PendingRequests, sender
 
 
 def test_a_wish_to_stop_ends_the_wait(replay: PendingRequests, sender: Sender) -> None:
-    sender.outbox.send(b"first")
-    waiting = sender.beside(lambda: sender.outbox.send(b"second"))
+    sender.client.send(b"first")
+    waiting = sender.beside(lambda: sender.client.send(b"second"))
     first, second = replay.next(), replay.next()
     sender.stop.set()
     joined(waiting)
-    assert sender.outbox.unacknowledged == 2
+    assert sender.client.unacknowledged == 2
     for query in (first, second):
         query.drop()
 
@@ -145,8 +145,8 @@ def test_a_wish_to_stop_ends_the_wait(replay: PendingRequests, sender: Sender) -
 def test_a_query_that_ended_without_an_answer_is_sent_again(
     replay: PendingRequests, sender: Sender
 ) -> None:
-    sender.outbox.post(b"chunk")
-    flushing = sender.beside(lambda: sender.outbox.flush(PATIENCE))
+    sender.client.post(b"chunk")
+    flushing = sender.beside(lambda: sender.client.flush(PATIENCE))
     for _ in range(2):
         query = replay.next()
         assert query.payload == b"chunk"
@@ -159,11 +159,11 @@ def test_a_query_that_ended_without_an_answer_is_sent_again(
 def test_an_insert_without_an_answer_is_sent_again_after_its_time(
     replay: PendingRequests, client: Transport, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(outbox_module, "ACK_TIMEOUT", 0.3)
+    monkeypatch.setattr(insert_client, "ACK_TIMEOUT", 0.3)
     sender = Sender(client)
-    sender.outbox.post(b"chunk")
+    sender.client.post(b"chunk")
     too_late = replay.next()
-    flushing = sender.beside(lambda: sender.outbox.flush(PATIENCE))
+    flushing = sender.beside(lambda: sender.client.flush(PATIENCE))
     again = replay.next()  # comes only if it was sent again
     assert too_late.payload == again.payload == b"chunk"
     acknowledge(too_late)  # nobody listens any more
@@ -182,10 +182,10 @@ def test_an_insert_without_an_answer_is_sent_again_after_its_time(
 
 
 def test_a_refusal_is_told_and_final(replay: PendingRequests, sender: Sender) -> None:
-    sender.outbox.post(b"bad chunk")
+    sender.client.post(b"bad chunk")
     replay.next().refuse("frames has shape [1] where … is expected")
     sender.settled()
-    sender.outbox.post(b"good chunk")
+    sender.client.post(b"good chunk")
     query = replay.next()
     assert query.payload == b"good chunk"
     acknowledge(query)
@@ -197,29 +197,29 @@ def test_a_refusal_is_told_and_final(replay: PendingRequests, sender: Sender) ->
 
 
 def test_a_malformed_reply_counts_as_a_refusal(replay: PendingRequests, sender: Sender) -> None:
-    sender.outbox.post(b"chunk")
+    sender.client.post(b"chunk")
     replay.next().reply(b"garbage")
     sender.settled()
     wait_until(lambda: sender.warnings, "it is told")
     assert sender.counts() == (1, 0, 0, 1)
     assert "a malformed reply" in sender.warnings[0]
-    assert sender.outbox.last_ack is None
+    assert sender.client.last_ack is None
 
 
 def test_flush_gives_up_after_its_time(replay: PendingRequests, sender: Sender) -> None:
-    sender.outbox.post(b"chunk")
+    sender.client.post(b"chunk")
     query = replay.next()
-    sender.outbox.flush(0.05)
-    assert sender.outbox.unacknowledged == 1
+    sender.client.flush(0.05)
+    assert sender.client.unacknowledged == 1
     query.drop()
 
 
 def test_flush_waits_for_a_hub_that_is_slow(
     replay: PendingRequests, sender: Sender, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(outbox_module, "_AWAY", 0.05)
-    sender.outbox.post(b"chunk")
-    flushing = sender.beside(lambda: sender.outbox.flush(PATIENCE))
+    monkeypatch.setattr(insert_client, "_AWAY", 0.05)
+    sender.client.post(b"chunk")
+    flushing = sender.beside(lambda: sender.client.flush(PATIENCE))
     query = replay.next()
     flushing.join(0.3)
     assert flushing.is_alive()
@@ -231,23 +231,23 @@ def test_flush_waits_for_a_hub_that_is_slow(
 def test_flush_does_not_wait_for_a_hub_that_is_away(
     client: Transport, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(outbox_module, "_AWAY", 0.05)
+    monkeypatch.setattr(insert_client, "_AWAY", 0.05)
     sender = Sender(client)
-    sender.outbox.post(b"chunk")
-    sender.outbox.flush(math.inf)
-    assert sender.outbox.unacknowledged == 1
+    sender.client.post(b"chunk")
+    sender.client.flush(math.inf)
+    assert sender.client.unacknowledged == 1
 
 
 def test_a_poll_is_answered_by_what_to_do(replay: PendingRequests, sender: Sender) -> None:
     found: list[object] = []
-    polling = sender.beside(lambda: found.append(sender.outbox.poll()))
+    polling = sender.beside(lambda: found.append(sender.client.poll()))
     query = replay.next()
     assert query.payload == b""
     ack = replace(STORED, status="poll", throttle=True, agent_steps=5)
     acknowledge(query, ack)
     joined(polling)
     assert found == [ack]
-    assert sender.outbox.last_ack == ack
+    assert sender.client.last_ack == ack
     assert sender.counts() == (0, 0, 0, 0)
 
 
@@ -257,30 +257,30 @@ def test_a_poll_that_nobody_hears_is_no_answer(
     sender = Sender(client)
     pauses: list[float] = []
     monkeypatch.setattr(sender.stop, "wait", pauses.append)
-    assert sender.outbox.poll() is None
+    assert sender.client.poll() is None
     assert pauses == [0.2]  # or an actor without a hub would keep a core busy
-    assert sender.outbox.last_ack is None
+    assert sender.client.last_ack is None
 
 
 def test_a_hub_that_starts_anew_in_the_middle_gets_everything(
     meeting: InProcessHub, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(outbox_module, "_AWAY", PATIENCE)
+    monkeypatch.setattr(insert_client, "_AWAY", PATIENCE)
     hub = meeting.connect()
     before = PendingRequests(hub, KEY)
     client = meeting.connect()
     sender = Sender(client)
     try:
-        sender.outbox.send(b"0")
+        sender.client.send(b"0")
         acknowledge(before.next())
         sender.settled()
-        sender.outbox.send(b"1")
+        sender.client.send(b"1")
         before.next()
 
         def send_the_rest() -> None:
             for number in range(2, 6):
-                sender.outbox.send(b"%d" % number)
-            sender.outbox.flush(PATIENCE)
+                sender.client.send(b"%d" % number)
+            sender.client.flush(PATIENCE)
 
         working = sender.beside(send_the_rest)
         before.next()
@@ -316,13 +316,13 @@ def test_patience_with_a_hub_that_went_away_ends(meeting: InProcessHub, way: str
     def wait_for_it() -> None:
         while True:
             if way == "send":
-                sender.outbox.send(b"chunk")
+                sender.client.send(b"chunk")
             else:
-                sender.outbox.poll()
+                sender.client.poll()
 
     try:
         if way == "send":
-            sender.outbox.post(b"chunk")
+            sender.client.post(b"chunk")
             replay.next()
         hub.close()
         with pytest.raises(InputError, match=r"went away and did not come back .* --resume"):
@@ -346,26 +346,26 @@ def test_patience_counts_from_when_the_hub_last_answered(
 ) -> None:
     replay = PendingRequests(hub, KEY)
     sender = Sender(client, patience=300.0)
-    monkeypatch.setattr(outbox_module, "time", LaterClock)
-    sender.outbox.send(b"chunk")
+    monkeypatch.setattr(insert_client, "time", LaterClock)
+    sender.client.send(b"chunk")
     acknowledge(replay.next())
     sender.settled()
     replay.close()
-    assert sender.outbox.poll() is None
+    assert sender.client.poll() is None
 
 
 def test_patience_begins_anew_once_the_hub_is_back(
     hub: Transport, client: Transport, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     sender = Sender(client, patience=300.0)
-    assert sender.outbox.poll() is None
+    assert sender.client.poll() is None
     replay = PendingRequests(hub, KEY)
-    polling = sender.beside(sender.outbox.poll)
+    polling = sender.beside(sender.client.poll)
     acknowledge(replay.next())
     joined(polling)
     replay.close()
-    monkeypatch.setattr(outbox_module, "time", LaterClock)
-    assert sender.outbox.poll() is None
+    monkeypatch.setattr(insert_client, "time", LaterClock)
+    assert sender.client.poll() is None
 
 
 def test_people_are_told_that_the_hub_is_away_and_back(
@@ -378,10 +378,10 @@ def test_people_are_told_that_the_hub_is_away_and_back(
 
     def poll_until(warnings: int) -> None:
         while len(sender.warnings) < warnings:
-            sender.outbox.poll()
+            sender.client.poll()
 
     joined(sender.beside(lambda: poll_until(1)))
-    sender.outbox.poll()  # says it no second time
+    sender.client.poll()  # says it no second time
     assert sender.warnings == ["a: the hub does not answer: waiting for it."]
     replay = PendingRequests(hub, KEY)
     polling = sender.beside(lambda: poll_until(2))
@@ -398,7 +398,7 @@ def test_a_poll_with_a_malformed_reply_is_no_answer(
 
     def poll() -> None:
         try:
-            sender.outbox.poll()
+            sender.client.poll()
         except MessageError as error:
             failed.append(error)
 
@@ -412,9 +412,9 @@ def test_a_poll_with_a_malformed_reply_is_no_answer(
 def test_a_chunk_that_is_refused_for_its_run_counts_as_refused(
     replay: PendingRequests, sender: Sender
 ) -> None:
-    sender.outbox.post(b"chunk")
+    sender.client.post(b"chunk")
     acknowledge(replay.next(), replace(STORED, status="refused", run_id="other"))
     sender.settled()
     assert sender.counts() == (1, 0, 0, 1)
-    assert sender.outbox.last_ack is not None
-    assert sender.outbox.last_ack.run_id == "other"
+    assert sender.client.last_ack is not None
+    assert sender.client.last_ack.run_id == "other"

@@ -4,7 +4,7 @@ import threading
 
 import pytest
 
-from actors.stream import weights_client as weights_inbox
+from actors.stream import weights_client
 from actors.stream.weights_client import WeightsClient
 from common.protocol.run_keys import RunKeys
 from common.transport.interface import Envelope, Request, Transport
@@ -38,64 +38,64 @@ class Broadcast:
 @pytest.fixture(autouse=True)
 def patient(monkeypatch: pytest.MonkeyPatch) -> None:
     """No answer is missed for being slow."""
-    monkeypatch.setattr(weights_inbox, "_FETCH_TIMEOUT", PATIENCE)
-    monkeypatch.setattr(weights_inbox, "_FETCH_PERIOD", 0.0)
+    monkeypatch.setattr(weights_client, "_FETCH_TIMEOUT", PATIENCE)
+    monkeypatch.setattr(weights_client, "_FETCH_PERIOD", 0.0)
 
 
 @pytest.fixture
-def inbox(client: Transport) -> WeightsClient:
+def weights(client: Transport) -> WeightsClient:
     return WeightsClient(client, KEYS)
 
 
 @pytest.fixture
-def broadcast(hub: Transport, client: Transport, inbox: WeightsClient) -> Broadcast:
+def broadcast(hub: Transport, client: Transport, weights: WeightsClient) -> Broadcast:
     return Broadcast(hub, client)
 
 
-def test_a_broadcast_is_taken_once(broadcast: Broadcast, inbox: WeightsClient) -> None:
-    assert inbox.take() is None
+def test_a_broadcast_is_taken_once(broadcast: Broadcast, weights: WeightsClient) -> None:
+    assert weights.take() is None
     broadcast.say((b"weights", b"3"))
-    assert inbox.take() == (3, b"weights", b"")
-    assert inbox.take() is None
+    assert weights.take() == (3, b"weights", b"")
+    assert weights.take() is None
     broadcast.say((b"others", b"4"))
-    assert inbox.take() == (4, b"others", b"")
+    assert weights.take() == (4, b"others", b"")
 
 
-def test_only_the_latest_is_kept(broadcast: Broadcast, inbox: WeightsClient) -> None:
+def test_only_the_latest_is_kept(broadcast: Broadcast, weights: WeightsClient) -> None:
     broadcast.say((b"three", b"3"), (b"five", b"5"), (b"four", b"4"))  # of a learner that came back
-    assert inbox.take() == (4, b"four", b"")
-    assert inbox.take() is None
+    assert weights.take() == (4, b"four", b"")
+    assert weights.take() is None
 
 
-def test_weights_without_a_version_are_left(broadcast: Broadcast, inbox: WeightsClient) -> None:
+def test_weights_without_a_version_are_left(broadcast: Broadcast, weights: WeightsClient) -> None:
     for attachment in (b"", b"three", b"3.0", b"\xff\xfe", b"9" * 10_000):
         broadcast.say((b"garbage", attachment))
-        assert inbox.take() is None
+        assert weights.take() is None
         broadcast.say((b"weights", b"1"), (b"garbage", attachment))
-        assert inbox.take() == (1, b"weights", b"")
+        assert weights.take() == (1, b"weights", b"")
 
 
 def test_weights_over_the_bound_are_left(
-    broadcast: Broadcast, inbox: WeightsClient, monkeypatch: pytest.MonkeyPatch
+    broadcast: Broadcast, weights: WeightsClient, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(weights_inbox, "MAX_MESSAGE_BYTES", 10)
+    monkeypatch.setattr(weights_client, "MAX_MESSAGE_BYTES", 10)
     broadcast.say((b"x" * 10, b"1"), (b"x" * 11, b"2"))
-    assert inbox.take() == (1, b"x" * 10, b"")
+    assert weights.take() == (1, b"x" * 10, b"")
 
 
 def test_a_late_joiner_fetches_the_newest(hub: Transport, client: Transport) -> None:
     hub.serve(KEYS.latest_weights, lambda _: Envelope(b"weights", b"12"))
-    inbox = WeightsClient(client, KEYS)
-    assert inbox.take() is None
-    inbox.fetch()
-    assert inbox.take() == (12, b"weights", b"")
+    weights = WeightsClient(client, KEYS)
+    assert weights.take() is None
+    weights.fetch()
+    assert weights.take() == (12, b"weights", b"")
 
 
 def test_nobody_asks_more_often_than_a_hub_answers(
     hub: Transport, client: Transport, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A question that the hub drops would hold the actor up for seconds."""
-    monkeypatch.setattr(weights_inbox, "_FETCH_PERIOD", PATIENCE)
+    monkeypatch.setattr(weights_client, "_FETCH_PERIOD", PATIENCE)
     asked: list[bytes] = []
 
     def note(request: Request) -> bytes:
@@ -103,32 +103,32 @@ def test_nobody_asks_more_often_than_a_hub_answers(
         return b""
 
     hub.serve(KEYS.latest_weights, note)
-    inbox = WeightsClient(client, KEYS)
+    weights = WeightsClient(client, KEYS)
     for _ in range(3):
-        inbox.fetch()
+        weights.fetch()
     assert len(asked) == 1
 
 
 def test_where_there_are_no_weights_yet_fetching_finds_none(
     hub: Transport, client: Transport
 ) -> None:
-    inbox = WeightsClient(client, KEYS)
-    inbox.fetch()
-    assert inbox.take() is None
+    weights = WeightsClient(client, KEYS)
+    weights.fetch()
+    assert weights.take() is None
     asked = PendingRequests(hub, KEYS.latest_weights)
-    fetching = threading.Thread(target=inbox.fetch, daemon=True)
+    fetching = threading.Thread(target=weights.fetch, daemon=True)
     fetching.start()
     asked.next().refuse("there are no weights yet")
     fetching.join(PATIENCE)
     assert not fetching.is_alive()
-    assert inbox.take() is None
+    assert weights.take() is None
 
 
 def test_other_runs_weights_do_not_arrive(
-    broadcast: Broadcast, hub: Transport, inbox: WeightsClient
+    broadcast: Broadcast, hub: Transport, weights: WeightsClient
 ) -> None:
     hub.publisher(RunKeys("other").weights).publish(b"weights", b"1")
     broadcast.say()
-    assert inbox.take() is None
+    assert weights.take() is None
     broadcast.say((b"weights", b"1 another"))  # begun under this one's name
-    assert inbox.take() is None
+    assert weights.take() is None

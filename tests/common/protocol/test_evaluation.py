@@ -65,7 +65,7 @@ def test_a_report_survives_the_wire(report: EvaluationReport) -> None:
         ("weights", None),
     ],
 )
-def test_a_wrong_task_is_refused(name: str, value: Any) -> None:
+def test_a_wrong_job_is_refused(name: str, value: Any) -> None:
     with pytest.raises(MessageError, match=name):
         EvaluationJob.decode(pack(dataclasses.asdict(TASK) | {name: value}))
 

@@ -86,7 +86,7 @@ def test_without_hands_there_is_no_row_of_them() -> None:
     assert "command to keys" not in shown
 
 
-def test_real_time_tells_how_many_decisions_were_in_time() -> None:
+def test_real_time_tells_how_many_agent_steps_were_in_time() -> None:
     content, shown = summed_up([game({}), game({})], ClockConfig(sync=False))
     assert content["deadlines_kept_share"] == 1 - 8 / 160
     assert (content["late_frames"], content["speed"]) == (14, 1.0)

@@ -168,7 +168,7 @@ def told(press: KeyLatency) -> dict[str, Value]:
         (KeyLatency(), None),
     ],
 )
-def test_the_slowest_hundredth_of_presses_has_two_decisions(
+def test_the_slowest_hundredth_of_presses_has_two_agent_steps(
     press: KeyLatency, passed: bool | None
 ) -> None:
     check = judged(told(press))["press p99 ms"]
@@ -215,7 +215,7 @@ def test_keys_that_come_late_on_purpose_are_shown_but_not_judged() -> None:
         (PlayConfig(robot="hand.npz"), False),
     ],
 )
-def test_where_keys_can_follow_within_their_decision(play: PlayConfig, can: bool) -> None:
+def test_where_keys_can_follow_within_their_agent_step(play: PlayConfig, can: bool) -> None:
     assert keys_can_follow(play) is can
 
 
