@@ -72,7 +72,7 @@ def measure(options: Options) -> Report:
         {
             **{"seed": each["seed"], "faults": each["faults"]},
             **{
-                f"{part}, {how}": _mean(each[how][begin:])
+                f"{part}, {how}": float(np.mean(each[how][begin:]))
                 for part, begin in (("last", -_LAST), ("all", 0))
                 for how in ("without", "with")
             },
@@ -99,10 +99,6 @@ def interval(values: Sequence[float]) -> tuple[float, float]:
     """Returns the mean of 2 to 10 values, and half the width of its 95 % interval."""
     deviation = float(np.std(values, ddof=1))
     return float(np.mean(values)), _T[len(values) - 2] * deviation / len(values) ** 0.5
-
-
-def _mean(scores: Sequence[float]) -> float:
-    return float(np.mean(scores))
 
 
 def _run(options: Options, seed: int, *, faults: bool) -> tuple[list[float], int]:

@@ -12,7 +12,6 @@ from collections.abc import Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
 from math import isfinite
-from pathlib import Path
 from shlex import join, split
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
@@ -20,8 +19,8 @@ import tyro
 from annotated_types import MinLen
 
 from benchmarks.child import free_endpoint
-from benchmarks.lab.policy import scores_of
-from benchmarks.report import BenchmarkOptions, Report, main
+from benchmarks.lab.policy import TrainingOptions, scores_of
+from benchmarks.report import Report, main
 from common.checked import Count, FromOne
 from common.errors import InputError
 from common.process.extras import extra_for
@@ -86,7 +85,7 @@ class Axis(NamedTuple):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options(BenchmarkOptions):
+class Options(TrainingOptions):
     """Search settings by whole trainings; needs pip install 'ale-robot[sweep]'."""
 
     study: tyro.conf.Positional[str]
@@ -97,12 +96,8 @@ class Options(BenchmarkOptions):
     """Number of trials of this worker."""
     steps: FromOne = 200_000
     """Length of a trial, in agent steps."""
-    learner: str = ""
-    """Flags of every trial, as in --learner="--env ale --preset fast"."""
     storage: str = ""
     """URL at which Optuna keeps the study; by default STUDY.db in the folder of the runs."""
-    runs: Path = Path("runs")
-    """Folder that holds the runs."""
     seed: Count = 1
     """Seed of the settings that are drawn, and of every trial's run."""
 

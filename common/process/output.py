@@ -5,6 +5,7 @@ import os
 import select
 import shutil
 import sys
+from contextlib import suppress
 from io import TextIOWrapper
 from typing import TextIO
 
@@ -25,12 +26,10 @@ def has_reader(stream: TextIO) -> bool:
 
 def silence(stream: TextIO) -> None:
     """Discards what is still buffered; otherwise the interpreter's last flush would fail."""
-    try:
+    with suppress(OSError, ValueError):
         nowhere = os.open(os.devnull, os.O_WRONLY)
         os.dup2(nowhere, stream.fileno())
         os.close(nowhere)
-    except (OSError, ValueError):
-        return
 
 
 def open_closed() -> None:
