@@ -9,7 +9,7 @@ files in ``benchmarks/results``, so that no figure is copied by hand:
 * ``<!-- ladder.csv -->``: what was learned, rung by rung.
 * ``<!-- ladder-*-pong-*.csv -->``: how fast each run learned, from all files with such names.
 * ``<!-- not reproducible -->``: the results that their commit alone does not reproduce.
-* ``<!-- needs of robots -->``: what `benchmarks.figures.robots` computes from several results.
+* ``<!-- needs of robots -->``: what `benchmarks.figures.needs` computes from several results.
 """
 
 import csv
@@ -20,8 +20,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmarks.figures import robots
 from benchmarks.figures.commits import Source, sources
+from benchmarks.figures.needs import NAMES, ROBOTS, SOURCES, needs
 from benchmarks.lab.ladder import MILESTONES
 from benchmarks.report import cell, scored
 from common.errors import InputError, exit_on_input_error
@@ -170,12 +170,12 @@ def not_reproducible(found: Iterable[Source]) -> str:
 
 def needed(folder: Path) -> str:
     """Returns what more and more robots need, above the sources of the results behind it."""
-    aligned = ["---", *["---:"] * len(robots.ROBOTS), "---", "---"]
+    aligned = ["---", *["---:"] * len(ROBOTS), "---", "---"]
     measured = (
         f"{name}.json: {_where(json.loads((folder / f'{name}.json').read_bytes()))}"
-        for name in robots.SOURCES
+        for name in SOURCES
     )
-    return _table(robots.NAMES, aligned, list(robots.needs(folder)), "", *measured)
+    return _table(NAMES, aligned, list(needs(folder)), "", *measured)
 
 
 def curves(files: Iterable[Path]) -> str:

@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
+from benchmarks.figures.needs import needs
 from benchmarks.figures.results_page import render
-from benchmarks.figures.robots import needs
 from benchmarks.peers import against_ours
 from common.errors import InputError
 
