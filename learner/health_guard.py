@@ -2,10 +2,10 @@
 
 A run ends for one of two reasons:
 
-- A health check is red without interruption for `RED_MINUTES` of the learner's own work, and for
-  so many agent steps that the fault itself lasted for half of them. The other half may be only its
-  trace in the means over the newest steps.
-- `STALL_MINUTES` pass without an agent step or update, once there has been one. A learner that
+- A health check is red without interruption for ``--gate-minutes`` of the learner's own work, and
+  for so many agent steps that the fault itself lasted for half of them. The other half may be only
+  its trace in the means over the newest steps.
+- ``--stall-minutes`` pass without an agent step or update, once there has been one. A learner that
   still waits for its first actors is healthy.
 
 A healthy run is never ended.
@@ -19,8 +19,6 @@ from common.schedule import Now
 from learner.phases import JUDGED_CHUNKS
 from learner.telemetry import formats
 
-RED_MINUTES = 5.0
-STALL_MINUTES = 10.0
 _LONGEST_LOOK = 2.0
 """Maximum number of seconds that count between two looks. The learner looks four times a second: if
 more time has passed, the machine was suspended, or training waited for room on the disk."""

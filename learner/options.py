@@ -31,7 +31,6 @@ from common.transport.access_control import MAX_SESSIONS
 from common.transport.endpoint import DEFAULT_ENDPOINT, from_here
 from learner.device import DeviceChoice, PrecisionChoice
 from learner.evaluation.options import EvaluationOptions
-from learner.health_guard import RED_MINUTES, STALL_MINUTES
 from learner.telemetry.sinks.tracker import TRACKERS
 
 MAX_THREADS = 1_024
@@ -95,9 +94,9 @@ class LearnerOptions(RunOptions):
     track: str | None = None
     """Experiment tracker that gets curves, histograms and films: 'wandb', 'mlflow', 'trackio' or a
     registered one. Its own settings, such as WANDB_MODE=offline, decide where it keeps them."""
-    gate_minutes: Annotated[float, Gt(0)] = RED_MINUTES
+    gate_minutes: Annotated[float, Gt(0)] = 5.0
     """Minutes that a health check may be red before the run ends with exit code 3."""
-    stall_minutes: Annotated[float, Gt(0), AllowInfNan(True)] = STALL_MINUTES
+    stall_minutes: Annotated[float, Gt(0), AllowInfNan(True)] = 10.0
     """Minutes without an agent step or update after which the run ends with exit code 3; inf waits
     for ever."""
     force: bool = False
