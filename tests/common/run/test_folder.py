@@ -101,8 +101,9 @@ def test_resuming_a_name_that_is_almost_a_runs_names_that_run(tmp_path: Path) ->
         claim(tmp_path, name="secnd", resume=True)
 
 
-def test_a_run_that_has_begun_needs_resume(tmp_path: Path) -> None:
-    claim(tmp_path).checkpoint.write_bytes(b"x")
+@pytest.mark.parametrize("left", ["checkpoint", "previous"])
+def test_a_run_that_has_begun_needs_resume(tmp_path: Path, left: str) -> None:
+    getattr(claim(tmp_path), left).write_bytes(b"x")
     with pytest.raises(InputError, match="already holds a run: go on with it by --resume"):
         claim(tmp_path)
 
@@ -284,6 +285,7 @@ def test_a_start_that_fails_leaves_no_folder(tmp_path: Path) -> None:
     folder.initial.touch()
     folder.logs.mkdir()
     (folder.logs / "learner.jsonl").touch()
+    folder.claim("replay", FAST, resume=False)
     with pytest.raises(InputError), folder.removed_if_unused():
         raise InputError("cannot listen at tcp/127.0.0.1:7447.")
     assert not folder.path.exists()
@@ -302,10 +304,11 @@ def test_a_folder_in_which_something_began_or_that_was_there_stays(tmp_path: Pat
         there.replay.mkdir()
     assert there.replay.exists()
     there.replay.rmdir()
-    again = claim(tmp_path, "replay")
-    with again.removed_if_unused():
-        pass
-    assert again.path.exists()
+    (tmp_path / "made").mkdir()
+    for again in (claim(tmp_path, "replay"), claim(tmp_path, name="made")):
+        with again.removed_if_unused():
+            pass
+        assert again.path.exists()
 
 
 def test_no_link_in_place_of_a_lock_is_followed(tmp_path: Path) -> None:
