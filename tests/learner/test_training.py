@@ -676,10 +676,10 @@ def test_actors_that_are_still_to_come_are_waited_for() -> None:
 def test_a_goal_is_reached_when_all_updates_it_calls_for_are_made() -> None:
     # Actors are fast: all steps are there long before the updates.
     world = World(chunk_steps=40)
-    learner = run(world, steps_goal=900)
-    assert world.updates == (900 - 100) // 4
+    learner = run(world, steps_goal=903)  # three more than 200 updates call for
+    assert world.updates == 200
     assert learner.done
-    assert world.goals == {900}
+    assert world.goals == {903}
 
 
 def test_a_run_without_a_goal_takes_that_of_an_earlier_learner_back() -> None:
@@ -763,10 +763,11 @@ def test_the_last_test_may_take_longer_than_a_run_may_stand_still() -> None:
     assert world.rows[-1].phase == "test"
 
 
-def test_a_few_steps_at_the_end_are_no_epoch() -> None:
+@pytest.mark.parametrize(("more", "epochs"), [(0, 1), (16, 1), (20, 2)])
+def test_less_than_a_tenth_of_an_epoch_at_the_end_is_none(more: int, epochs: int) -> None:
     world = World(scores=[4.0])
-    run(world, steps_goal=300)
-    assert [row.phase for row in world.rows] == ["random", "train", "test"]
+    run(world, steps_goal=300 + more)
+    assert [row.phase for row in world.rows] == ["random", *["train", "test"] * epochs]
 
 
 def test_without_an_evaluator_the_end_is_not_waited_for() -> None:
