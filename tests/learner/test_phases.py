@@ -89,13 +89,15 @@ def test_demonstrations_end_no_phase_however_many_they_are() -> None:
     assert [(end.epoch, end.steps) for end in ends] == [(0, 600), (1, 200)]
 
 
-def test_shares_are_over_the_newest_chunks() -> None:
+def test_shares_are_over_the_newest_chunks_and_the_reward_over_the_newest_games() -> None:
     counted = phases()
     count(counted, _chunks(20, valid=0))
     count(counted, _chunks(60, first=20))
     assert counted.values(finishing=False)["play/valid_frame_share"] == 0.75
     count(counted, _chunks(20, first=80))
-    assert counted.values(finishing=False)["play/valid_frame_share"] == 1.0
+    values = counted.values(finishing=False)
+    assert values["play/valid_frame_share"] == 1.0
+    assert values["play/train_reward"] == 74.5  # of 50 to 99
 
 
 def test_it_goes_on_from_its_state() -> None:
@@ -156,6 +158,14 @@ def test_the_warm_up_has_no_training_steps_even_if_it_is_longer_than_asked() -> 
     (row,) = count(counted, _chunks(2, steps=60))
     assert (row.steps, row.total_train_steps, counted.train_steps) == (120, 0, 20)
     assert phases().values(finishing=False)["stream/samples_per_insert"] is None
+
+
+@pytest.mark.parametrize(("epsilon", "phase"), [(1.0, "random"), (0.99, "train")])
+def test_a_warm_up_is_random_if_nothing_else_plays(epsilon: float, phase: str) -> None:
+    """A run may begin with a network that plays."""
+    exploration = replace(CONFIG.exploration, start=epsilon)
+    counted = Phases(replace(CONFIG, exploration=exploration), RunClock(lambda: 0.0))
+    assert [row.phase for row in count(counted, _chunks(2))] == [phase]
 
 
 def test_a_phases_loss_is_the_mean_over_its_updates() -> None:
