@@ -88,7 +88,6 @@ class Arm(Limbs):
 
     def limit_speed(self, share: float) -> None:
         self._speed = share * NO_LOAD_SPEED
-        self._given = None
 
     def command(self, keys: Keys) -> None:
         self._goals = _GOALS[keys]
