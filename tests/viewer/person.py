@@ -29,6 +29,7 @@ class Person:
         self.process = subprocess.Popen(
             [sys.executable, "-m", "viewer", *arguments],
             cwd=ROOT,
+            env=os.environ | {"TERM": "xterm-256color"},  # whatever the tests' own terminal is
             stdin=self.slave,
             stdout=self.slave,
             stderr=self.slave,

@@ -85,6 +85,7 @@ class Seat:
         # Not those of sys itself, which are pytest's.
         streams = SimpleNamespace(stdin=self._file, stdout=self._file)
         monkeypatch.setattr(viewer.terminal.terminal, "sys", streams)
+        monkeypatch.setenv("TERM", "xterm-256color")
 
     def written(self) -> bytes:
         """Returns all that was written so far."""

@@ -2,6 +2,7 @@
 
 import os
 import re
+import sys
 import threading
 from dataclasses import replace
 from itertools import islice
@@ -270,6 +271,14 @@ def test_without_a_terminal_it_is_refused_before_anything_is_built(
     monkeypatch.delattr(viewer.watch, "shown_env")
     with pytest.raises(InputError, match="need a terminal: run this command in one"):
         Watch(env="ale").run(threading.Event())
+
+
+def test_a_terminal_that_cannot_draw_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    for stream in (sys.stdin, sys.stdout):
+        monkeypatch.setattr(stream, "isatty", lambda: True)
+    monkeypatch.setenv("TERM", "dumb")
+    with pytest.raises(InputError, match=r"^a terminal of TERM=dumb draws no pictures: use"):
+        Watch(env="ale").check()
 
 
 def test_a_file_that_is_no_network_is_told_before_the_terminal_that_is_missing(
