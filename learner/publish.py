@@ -23,6 +23,7 @@ from common.checked import FromOne
 from common.errors import InputError, MessageError, exit_on_input_error
 from common.network import QNetwork, build_network, count_actions_of
 from common.process.command_line import parse
+from common.process.exit_codes import INTERRUPTED
 from common.process.lifeline import on_signals
 from common.protocol.weights import decode_weights, encode_weights, set_weights
 from common.run.clock import ClockConfig
@@ -82,7 +83,8 @@ def publish(options: Options, stop: threading.Event) -> dict[str, Any]:
     asked.check()
     scores = evaluate(asked, config.for_play, config.for_play, ClockConfig(), stop)
     if scores is None:
-        raise InputError("the evaluation was stopped, so the card has no scores: publish again.")
+        told = "the evaluation was stopped, so the card has no scores: publish again."
+        raise InputError(told, INTERRUPTED)
     card["evaluation"] = scores | {"weights": weights.stem}  # without the path on this machine
     _write(options.output, card)
     return card

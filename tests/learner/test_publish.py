@@ -11,6 +11,7 @@ import torch
 
 from common.errors import InputError
 from common.network import build_network
+from common.process.exit_codes import INTERRUPTED
 from common.protocol.weights import encode_weights
 from common.run.config import RunConfig
 from common.run.presets import PRESETS
@@ -143,8 +144,9 @@ def test_a_policy_that_was_not_evaluated_to_the_end_is_told(tmp_path: Path) -> N
     stop = threading.Event()
     stop.set()
     output = tmp_path / "policy"
-    with pytest.raises(InputError, match="publish again"):
+    with pytest.raises(InputError, match="publish again") as told:
         publish(Options(run=_run(tmp_path / "small"), output=output, games=2), stop)
+    assert told.value.exit_code == INTERRUPTED
     assert "evaluation" not in json.loads(output.with_suffix(".json").read_text())
 
 
