@@ -1,6 +1,8 @@
 """Errors for people: one sentence that says what is wrong and what to do."""
 
+import atexit
 import errno
+import gc
 import signal
 import sys
 from collections.abc import Callable, Iterator, Sequence
@@ -80,6 +82,9 @@ def exit_on_input_error(main: Callable[[], int | None]) -> None:
     escape(sys.stdout)
     widen()
     log_visibly()
+    # All memory goes with the process: to look through PyTorch's objects for cycles, as Python does
+    # at its end, takes a second in which nothing else happens.
+    atexit.register(gc.freeze)
     try:
         try:
             status = main()

@@ -192,6 +192,28 @@ def test_a_name_that_is_not_utf_8_is_printed_escaped() -> None:
     assert (told.stdout, told.stderr) == ("a line\nwrote x\\udcff.png\n", "")
 
 
+def test_a_program_ends_without_a_search_for_cycles() -> None:
+    code = """
+from common.errors import exit_on_input_error
+
+class Cycle:
+    def __init__(self):
+        self.own = self
+
+    def __del__(self):
+        print("found")
+
+def main():
+    global cycle
+    cycle = Cycle()
+    print("done")
+
+exit_on_input_error(main)
+"""
+    told = subprocess.run([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
+    assert (told.returncode, told.stdout) == (0, "done\n")
+
+
 @pytest.mark.parametrize("end", ["", "sys.exit(0)", "sys.stdout.flush()"])
 def test_output_that_nobody_reads_ends_a_program_in_silence(end: str) -> None:
     process = subprocess.Popen(
