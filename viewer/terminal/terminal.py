@@ -8,14 +8,14 @@ import sys
 import termios
 from typing import Any, Self
 
+from rich.console import Console
+
 from common.errors import InputError
 
 # Switch to the alternate screen, hide the cursor, and clear. Then, by kitty's protocol, which other
 # terminals ignore: report releases of arrow keys, and answer whether this is supported.
 _OPEN = "\x1b[?1049h\x1b[?25l\x1b[2J\x1b[>2u\x1b[?u"
 _CLOSE = "\x1b[<u\x1b[0m\x1b[?25h\x1b[?1049l"
-_DUMB = ("dumb", "unknown")
-"""Names, in TERM, of terminals that cannot move the cursor."""
 
 
 def size_of(descriptor: int) -> tuple[int, int]:
@@ -56,9 +56,10 @@ def check_terminal(least: tuple[int, int]) -> None:
     draw, or if it has fewer columns or rows than ``least``."""
     if not (sys.stdin.isatty() and sys.stdout.isatty()):
         raise InputError("pictures and keys need a terminal: run this command in one.")
-    if (kind := os.environ.get("TERM")) in _DUMB:
+    if Console().is_dumb_terminal:
         raise InputError(
-            f"a terminal of TERM={kind} draws no pictures: use another, or `ale-robot film`."
+            f"a terminal of TERM={os.environ['TERM']} draws no pictures: use another, or "
+            "`ale-robot film`."
         )
     size = size_of(sys.stdout.fileno())
     if any(have < wanted for have, wanted in zip(size, least, strict=True)):
