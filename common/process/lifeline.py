@@ -1,13 +1,18 @@
 """Ends a process in order: at a signal, or when its parent has gone."""
 
 import os
+import select
 import signal
 import sys
 import threading
 import time
 from collections.abc import Iterable
+from contextlib import suppress
+
+from common.process.log_lines import line
 
 _TOGETHER = 1.0
+_STDERR = 2
 LEASH = "--leash"
 """Last argument of a process that must end when its standard input ends."""
 _was_asked = False
@@ -30,7 +35,8 @@ def leave_at_interrupt() -> None:
 
 
 def on_signals(stop: threading.Event) -> None:
-    """Sets ``stop`` at the first SIGINT, SIGTERM or SIGHUP; a later one ends the process at once.
+    """Sets ``stop`` at the first SIGINT, SIGTERM or SIGHUP; a later one ends the process at once,
+    with one sentence.
 
     Signals that come together count as one, because `timeout` and some terminals send a signal both
     to the process and to its group. SIGHUP, from a terminal that closes, never ends the process at
@@ -52,9 +58,21 @@ def on_signals(stop: threading.Event) -> None:
                 first = now
                 stop.set()
             elif now - first > _TOGETHER and number != signal.SIGHUP:
+                _say_cut_short()
                 os._exit(128 + number)
 
     threading.Thread(target=heed, name="signals", daemon=True).start()
+
+
+def _say_cut_short() -> None:
+    """Says that a second signal ends this process, and gives a terminal the cursor back that a
+    screen has hidden. It takes no lock and does not wait for a reader, since other threads may
+    hang."""
+    shown = "\n\x1b[?25h" if os.isatty(_STDERR) else ""
+    told = line("ended at once, by a second signal: what was not saved is lost", "warning")
+    with suppress(OSError):  # nobody reads it
+        if select.select([], [_STDERR], [], 0)[1]:
+            os.write(_STDERR, f"{shown}{told}\n".encode())
 
 
 def heeded_signals() -> list[signal.Signals]:

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -78,12 +79,13 @@ def line(process: "subprocess.Popen[str]") -> str:
         end.cancel()
 
 
-def start(script: str) -> "subprocess.Popen[str]":
+def start(script: str, stderr: int | None = None) -> "subprocess.Popen[str]":
     process = subprocess.Popen(
         [sys.executable, "-c", script],
         cwd=ROOT,
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
+        stderr=stderr,
         text=True,
     )
     assert line(process) == "ready\n"
@@ -198,9 +200,9 @@ def test_a_signal_that_a_library_heeds_stops_nothing() -> None:
     process.communicate(timeout=PATIENCE)
 
 
-def stopping(together: float) -> "subprocess.Popen[str]":
+def stopping(together: float, stderr: int | None = None) -> "subprocess.Popen[str]":
     """A process that got a signal, and is about to stop once its standard input ends."""
-    process = start(on_signals(together=together))
+    process = start(on_signals(together=together), stderr)
     process.send_signal(signal.SIGTERM)
     assert line(process) == "stopping\n"
     return process
@@ -208,9 +210,40 @@ def stopping(together: float) -> "subprocess.Popen[str]":
 
 @pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_a_later_signal_ends_it_at_once(number: signal.Signals, status: int) -> None:
-    process = stopping(together=0.0)
+    process = stopping(together=0.0, stderr=subprocess.PIPE)
     process.send_signal(number)
     assert process.wait(PATIENCE) == status
+    told = "ended at once, by a second signal: what was not saved is lost\n"
+    assert process.communicate() == ("", told)
+
+
+def test_a_terminal_whose_screen_is_ended_at_once_has_its_cursor_again() -> None:
+    ours, its = os.openpty()
+    process = stopping(together=0.0, stderr=its)
+    os.close(its)
+    process.send_signal(signal.SIGINT)
+    assert process.wait(PATIENCE) == 130
+    assert b"\x1b[?25hended at once" in os.read(ours, 1_000)
+    os.close(ours)
+    process.communicate()
+
+
+@pytest.mark.parametrize("full", [True, False])
+def test_a_later_signal_ends_it_though_nobody_reads_what_it_says(full: bool) -> None:
+    reader, writer = os.pipe()
+    if full:
+        os.set_blocking(writer, False)
+        with suppress(BlockingIOError):
+            while os.write(writer, bytes(4_096)):
+                pass
+        os.set_blocking(writer, True)
+    else:
+        os.close(reader)
+    process = stopping(together=0.0, stderr=writer)
+    process.send_signal(signal.SIGINT)
+    assert process.wait(PATIENCE) == 130
+    for end in (writer, *([reader] if full else [])):
+        os.close(end)
     process.communicate()
 
 
