@@ -78,13 +78,14 @@ def play(network: Path, press: int, options: Options) -> dict[str, Any]:
 def main() -> None:
     options = parse(Options, "benchmarks.lab.actuation_latency", sys.argv[1:])
     check_new_file(options.output)
-    with options.output.open("w", newline="") as file:
-        writer = csv.DictWriter(file, COLUMNS)
-        writer.writeheader()
-        for press in options.press:
-            for network in options.networks:
-                writer.writerow(play(network, press, options))
-                file.flush()
+    rows: list[dict[str, Any]] = []
+    for press in options.press:
+        for network in options.networks:
+            rows.append(play(network, press, options))
+            with options.output.open("w", newline="") as file:  # one that is stopped leaves these
+                writer = csv.DictWriter(file, COLUMNS)
+                writer.writeheader()
+                writer.writerows(rows)
     print(f"wrote {options.output}")
 
 

@@ -3,6 +3,7 @@
 import csv
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -35,6 +36,26 @@ def test_a_row_for_each_network_and_lateness(
     # The same random commands play other games by late keys.
     assert rows[0]["seed"] == rows[1]["seed"]
     assert all(-21 <= float(row["mean"]) < 0 for row in rows)
+
+
+def test_one_that_is_stopped_leaves_the_rows_that_it_has(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    def play(network: Path, press: int, options: late_keys.Options) -> dict[str, Any]:
+        if press == options.press[len(rows)]:
+            raise KeyboardInterrupt
+        return dict.fromkeys(late_keys.COLUMNS, press)
+
+    output = tmp_path / "late_keys.csv"
+    command = ["late_keys", str(ALE), "--press", "5", "7", "-o", str(output)]
+    monkeypatch.setattr(sys, "argv", command)
+    monkeypatch.setattr(late_keys, "play", play)
+    for rows in ([], ["5"]):
+        with pytest.raises(KeyboardInterrupt):
+            late_keys.main()
+        told = output.read_text().splitlines() if output.exists() else []
+        assert [row["press"] for row in csv.DictReader(told)] == rows
+        assert output.exists() == bool(rows)
 
 
 def test_a_robots_keys_are_those_of_a_modelled_hand() -> None:
