@@ -3,7 +3,7 @@
 import logging
 import shutil
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -86,17 +86,17 @@ class FilmsSink(Sink):
                 self._child = self._begin_film()
 
     def close(self) -> None:
-        """Interrupts the film that is being made."""
-        if self._child is None:
-            return
+        """Interrupts the film that is being made, and leaves no empty folder."""
         with self._in_spite_of_the_disk():
-            if self._child.poll() is None:
+            if self._child is not None and self._child.poll() is None:
                 self._child.kill()  # its film is not kept, and a clean exit would take seconds
                 self._child.end()
-                self._video.unlink(missing_ok=True)
                 _log.warning("the film of epoch %d was interrupted", self._epoch.number)
-            else:
+            elif self._child is not None:
                 self._end_film(self._child)
+        shutil.rmtree(self._making, ignore_errors=True)
+        with suppress(OSError):  # there are films in it, or it was never made
+            self.folder.films.rmdir()
 
     @contextmanager
     def _in_spite_of_the_disk(self) -> Iterator[None]:
