@@ -28,7 +28,7 @@ from common.run.origin import origin_of
 from common.run.presets import PRESETS
 from common.run.ranges import NOTHING_DRAWN
 from common.transport.access_control import MAX_SESSIONS
-from common.transport.endpoint import DEFAULT_ENDPOINT, from_here
+from common.transport.endpoint import DEFAULT_ENDPOINT, check_endpoint, from_here
 from learner.device import DeviceChoice, PrecisionChoice
 from learner.evaluation.options import EvaluationOptions
 from learner.telemetry.sinks.tracker import TRACKERS
@@ -112,6 +112,9 @@ class LearnerOptions(RunOptions):
             InputError: it names the flags.
         """
         self.evaluation.check()
+        check_endpoint(self.connect or self.listen)
+        if self.http is not None:
+            check_address(self.http)
         if self.web is not None:
             web_address(self.web)
         self.clock.check(self.config.env)

@@ -6,8 +6,9 @@ import socket
 
 from common.errors import InputError
 
+_LAST_PORT = 65_535
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
-_ADDRESS = re.compile(r"(\[[0-9a-fA-F:]+\]|[^\[\]:/\s]+):(\d{1,5})")
+_ADDRESS = re.compile(r"(\[[0-9a-fA-F:]+\]|[^\[\]:/\s]+):(\d{1,9})")
 
 
 def check_endpoint(endpoint: str) -> tuple[str, int]:
@@ -20,10 +21,15 @@ def check_endpoint(endpoint: str) -> tuple[str, int]:
 
 
 def host_and_port(address: str, least_port: int = 1) -> tuple[str, int] | None:
-    """Returns the parts of ``HOST:PORT`` or ``[IPv6]:PORT``; None if the form is another."""
+    """Returns the parts of ``HOST:PORT`` or ``[IPv6]:PORT``; None if the form is another. Raises
+    InputError if there is no such port."""
     found = _ADDRESS.fullmatch(address)
-    if found is None or not least_port <= int(found[2]) < 65_536:
+    if found is None:
         return None
+    if not least_port <= int(found[2]) <= _LAST_PORT:
+        raise InputError(
+            f"{address} has no valid port: choose one from {least_port} to {_LAST_PORT}."
+        )
     try:
         found[1].encode("idna")  # as Python does when it looks up a host
     except UnicodeError:

@@ -43,6 +43,16 @@ def learner(*arguments: str) -> LearnerOptions:
 
 
 @pytest.mark.parametrize(
+    ("flag", "scheme"), [("--listen", "tcp/"), ("--connect", "tls/"), ("--http", ""), ("--web", "")]
+)
+def test_an_address_that_is_none_is_refused_before_anything_is_loaded(
+    flag: str, scheme: str
+) -> None:
+    with pytest.raises(InputError, match="localhost:99999 has no valid port: choose one from"):
+        learner(flag, f"{scheme}localhost:99999")
+
+
+@pytest.mark.parametrize(
     "mode",
     [
         [],

@@ -197,7 +197,7 @@ def test_no_address_serves_nothing() -> None:
 
 @pytest.mark.parametrize(
     "address",
-    ["9108", "127.0.0.1", "127.0.0.1:0", "http://a:1", "a:99999", "a..b:1", f"{'a' * 64}:1"],
+    ["9108", "127.0.0.1", "http://a:1", "a..b:1", f"{'a' * 64}:1"],
 )
 def test_what_is_no_address_is_told(address: str) -> None:
     with pytest.raises(InputError, match=r"write it as 127\.0\.0\.1:9108"):

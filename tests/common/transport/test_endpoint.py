@@ -2,6 +2,7 @@
 
 import pytest
 
+from common.errors import InputError
 from common.transport.endpoint import DEFAULT_ENDPOINT, check_endpoint, from_here
 
 
@@ -17,6 +18,13 @@ from common.transport.endpoint import DEFAULT_ENDPOINT, check_endpoint, from_her
 )
 def test_an_address_has_a_host_and_a_port(endpoint: str, expected: tuple[str, int]) -> None:
     assert check_endpoint(endpoint) == expected
+
+
+@pytest.mark.parametrize("port", ["0", "65536", "99999", "123456"])
+def test_what_is_no_port_is_told(port: str) -> None:
+    words = rf"^127\.0\.0\.1:{port} has no valid port: choose one from 1 to 65535\.$"
+    with pytest.raises(InputError, match=words):
+        check_endpoint(f"tcp/127.0.0.1:{port}")
 
 
 @pytest.mark.parametrize(
