@@ -45,6 +45,7 @@ _NOT_TRUSTED = (
     " If one runs there, its certificates or ours are of another authority or out of date, or the "
     "hub's are not for this address."
 )
+_NOT_ENCRYPTED = " If one runs there, its address may begin with tls/."
 
 
 def _config(mode: str, settings: dict[str, Any]) -> zenoh.Config:
@@ -205,5 +206,5 @@ def connect(
                 raise Unreachable(
                     f"no hub answered at {endpoint} in {waited:.0f} s: start a learner "
                     "there, or name its address with --connect."
-                    + ("" if credentials is None else _NOT_TRUSTED)
+                    + (_NOT_ENCRYPTED if credentials is None else _NOT_TRUSTED)
                 ) from None
