@@ -435,10 +435,18 @@ def test_a_network_that_does_not_fit_says_what_it_is_for(
             ("--connect", "tls/h:1", "--certificates", "a b"),
             "ale-robot join --connect tls/h:1 --certificates 'a b'",
         ),
+        (
+            ("--connect", "tls/h:1", "--certificates", "learners"),
+            "ale-robot join --connect tls/h:1 --certificates FOLDER",
+        ),
         (("--local",), None),
     ],
 )
 def test_the_command_that_starts_an_actor_is_told(
-    flags: tuple[str, ...], command: str | None
+    flags: tuple[str, ...], command: str | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.chdir(tmp_path)
+    for folder, file in (("a b", "actor.tester.pem"), ("learners", "learner.pem")):
+        Path(folder).mkdir()
+        Path(folder, file).touch()
     assert join_command(learner(*flags)) == command
