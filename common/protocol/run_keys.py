@@ -16,8 +16,8 @@ def check_name(kind: str, name: str) -> str:
     not; ``kind`` says what it names."""
     if not re.fullmatch(NAME, name):
         raise InputError(
-            f"{kind} {name!r} cannot be used: up to 64 letters, digits, '.', '_' or '-', "
-            "a letter or digit first."
+            f"{kind} {name!r} cannot be used: give it a name of up to 64 letters, digits, '.', "
+            "'_' or '-', a letter or digit first."
         )
     return name
 

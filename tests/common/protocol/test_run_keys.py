@@ -17,7 +17,8 @@ def test_a_name_that_fits_is_kept(name: str) -> None:
     ["", ".", "..", "-a", "_a", "a/b", "a b", "a*", "*", "a$*", "a#", "a?", "ä", "a\n", "A" * 65],
 )
 def test_a_name_that_could_be_a_path_or_a_pattern_is_refused(name: str) -> None:
-    with pytest.raises(InputError, match=r"^actor .* cannot be used: up to 64 letters"):
+    words = r"^actor .* cannot be used: give it a name of up to 64 letters"
+    with pytest.raises(InputError, match=words):
         check_name("actor", name)
 
 
