@@ -58,6 +58,14 @@ class Update(NamedTuple):
     metrics: Mapping[str, Tensor] = {}
     """The algorithm's own scalars by name, with the same names at every update."""
 
+    def detached(self) -> "Update":
+        """Returns the same without gradients, which would keep the whole update in memory."""
+        return Update(
+            *(self.loss.detach(), self.priorities.detach()),
+            *(self.td_errors.detach(), self.targets.detach()),
+            {name: value.detach() for name, value in self.metrics.items()},
+        )
+
 
 class Algorithm(Protocol):
     """Learns the run's network from minibatches, one gradient step at a time."""

@@ -99,7 +99,7 @@ class ValueBased:
         self._precision.backward(result.loss)
         self._optimizer.step(result.loss.detach())
         self._precision.sync_from_master()
-        return result._replace(loss=result.loss.detach())
+        return result.detached()
 
     @torch.no_grad()
     def max_q(self, frames: Tensor, vectors: Tensor) -> Tensor:

@@ -36,7 +36,7 @@ class RandomPolicyLoss:
         taken = q_tm1.gather(1, batch.a_tm1[:, None]).squeeze(1)
         targets = batch.r_t + batch.discount_t * v_t
         errors = targets - taken
-        return Update(errors.square().mean(), errors.detach().abs(), errors.detach(), targets)
+        return Update(errors.square().mean(), errors.abs(), errors, targets)
 
 
 def random_policy(

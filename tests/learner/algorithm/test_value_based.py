@@ -14,6 +14,7 @@ from learner.algorithm.precision import Precision
 from learner.algorithm.target_network import TargetNetwork
 from learner.algorithm.value_based import ValueBased
 from learner.device import Device
+from tests.extending.toy_algorithm import RandomPolicyLoss, Settings
 from tests.learner.small_batches import learn, random_batch
 
 CPU = Device(torch.device("cpu"), bfloat16=False)
@@ -71,6 +72,13 @@ def test_an_update_is_the_plain_one(target: Literal["dqn", "double"]) -> None:
     torch.testing.assert_close(result.targets, targets, rtol=1e-3, atol=1e-4)
     for ours, theirs in zip(algorithm.online.parameters(), plain.parameters(), strict=True):
         torch.testing.assert_close(ours, theirs, rtol=1e-3, atol=1e-5)
+
+
+def test_what_an_update_tells_keeps_no_gradient() -> None:
+    algorithm = ValueBased(_network(), RandomPolicyLoss(Settings()), LearningConfig(), CPU)
+    result = learn(algorithm, random_batch())
+    told = (*result[:-1], *result.metrics.values())
+    assert not any(each.requires_grad for each in told)
 
 
 @pytest.mark.parametrize("optimizer", ["adam", "rmsprop"])
