@@ -1,5 +1,6 @@
 """Phases counted from the statistics of chunks, and their rows, by hand."""
 
+import math
 from dataclasses import replace
 from typing import Any
 
@@ -102,10 +103,18 @@ def test_shares_are_over_the_newest_chunks_and_the_reward_over_the_newest_games(
 
 def test_it_goes_on_from_its_state() -> None:
     whole, first, second = (phases(seconds=80.0) for _ in range(3))
-    expected = count(whole, _chunks(20))
+    for counted in (whole, first):
+        counted.add(torch.tensor(2.0))
+    expected = count(whole, _chunks(9))
     rows = count(first, _chunks(9))
+    for counted in (whole, first):
+        counted.add(torch.tensor(3.0))
     second.restore(first.state())
+    for counted in (whole, second):
+        counted.add(torch.tensor(5.0))
+    expected += count(whole, _chunks(11, first=9))
     rows += count(second, _chunks(11, first=9))
+    assert [row.meancost for row in rows] == [2.0, 0.0, 4.0, 0.0, 0.0]
     assert rows == expected
     assert second.state() == whole.state()
     assert second.state()["phase_began"] == 80.0
@@ -170,10 +179,14 @@ def test_a_warm_up_is_random_if_nothing_else_plays(epsilon: float, phase: str) -
 
 def test_a_phases_loss_is_the_mean_over_its_updates() -> None:
     counted = phases()
-    for loss in (1.0, 5.0, float("nan")):  # the last update was skipped
+    for loss in (1.0, 8.0, math.nan, math.inf, -math.inf, 3.0):  # those between were skipped
         counted.add(torch.tensor(loss))
     (row,) = count(counted, _chunks(2))
     assert row.meancost == 2.0
+    for loss in (4.0, 5.0):
+        counted.add(torch.tensor(loss))
+    (row,) = count(counted, _chunks(4, first=2))
+    assert row.meancost == 4.5
 
 
 @pytest.mark.parametrize(

@@ -246,15 +246,19 @@ def test_max_q_is_each_states_highest_value() -> None:
 
 @pytest.mark.parametrize("device", [CPU, CPU_BFLOAT16])
 @pytest.mark.parametrize("optimizer", ["adam", "rmsprop"])
+@pytest.mark.parametrize("reward", [float("nan"), float("inf")])
 def test_a_minibatch_that_is_not_finite_changes_no_weight(
-    device: Device, optimizer: Literal["adam", "rmsprop"]
+    device: Device, optimizer: Literal["adam", "rmsprop"], reward: float
 ) -> None:
-    """Neither does it stay in the optimizer's means, by which every later step would go."""
+    """Neither does it stay in the optimizer's means, by which every later step would go.
+
+    The gradient of an infinite Huber loss is finite.
+    """
     algorithm, never = (
         double_dqn(_network(), LearningConfig(optimizer=optimizer), device) for _ in range(2)
     )
     good, bad, last = (random_batch(seed=seed) for seed in range(3))
-    bad.r_t[3] = float("nan")
+    bad.r_t[3] = reward
     for each in (algorithm, never):
         learn(each, good)
     result = learn(algorithm, bad)
