@@ -1,7 +1,6 @@
 """The ladder: each rung is a configuration of the program, and a run becomes a row."""
 
 import csv
-import subprocess
 import sys
 from pathlib import Path
 from typing import Any
@@ -16,8 +15,8 @@ from common.process.command_line import parse_run
 from common.run.epochs import EpochPhase, EpochRow, EpochTable
 from learner.figures.plot_histogram import read_evaluations
 from learner.options import LearnerOptions
+from tests.end_to_end.conftest import SMALL, Stage
 from tests.epoch_rows import epoch_row
-from tests.patience import PATIENCE
 
 
 def differing(rung: Rung) -> dict[str, object]:
@@ -113,28 +112,16 @@ def test_a_table_that_cannot_be_written_is_refused_before_hours_of_training(
 
 
 @pytest.mark.slow
-def test_a_rung_is_climbed_and_told(tmp_path: Path) -> None:
-    output = tmp_path / "results" / "ladder.csv"
-    command = [sys.executable, "-m", "benchmarks.lab.ladder", "--rung", "R3", "--steps", "1000"]
-    learner = (
-        "--replay.learning-starts 600 --replay.capacity 5000 "
-        "--protocol.epoch-steps 300 --protocol.test-steps 100 --protocol.held-out-states 32"
-    )
-    more = [
-        "--games",
-        "2",
-        "--runs",
-        str(tmp_path),
-        "--output",
-        str(output),
-        f"--learner={learner}",
-    ]
-    subprocess.run([*command, *more], check=True, timeout=PATIENCE, stdin=subprocess.DEVNULL)
+def test_a_rung_is_climbed_and_told(stage: Stage) -> None:
+    output = stage.folder / "results" / "ladder.csv"
+    given = ["--rung", "R3", "--steps", "650", "--games", "2", "--output", str(output)]
+    learner = f"--learner=--threads 1 {' '.join(SMALL)}"
+    stage.start("-m", "benchmarks.lab.ladder", *given, learner).ends()
     name = Options("R3").run_name(1)
     with output.open() as file:
         (row,) = csv.DictReader(file)
     assert (row["rung"], row["games"], row["epsilon"]) == ("R3", "2", "0.001")
-    assert int(row["agent_steps"]) >= 1000
+    assert int(row["agent_steps"]) >= 650
     assert -21 <= float(row["mean"]) <= 21
     # Keys as commanded, screen seen by the camera.
     assert (float(row["press_match_share"]), float(row["valid_frame_share"])) == (1.0, 1.0)
