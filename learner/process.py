@@ -56,7 +56,17 @@ def train(options: LearnerOptions, again: bool) -> int:
     torch.set_num_threads(options.threads or free_cores(options))
     stop = threading.Event()
     on_signals(stop)
-    folder.claim("learner", config, resume=options.resume)
+
+    def begin() -> None:
+        if not options.resume:  # a start that failed may have left them
+            folder.initial.unlink(missing_ok=True)
+            folder.demonstrations.unlink(missing_ok=True)
+        if options.initial is not None:
+            write_atomically(folder.initial, encode_weights(network, config))
+        if demonstrations is not None:
+            write_atomically(folder.demonstrations, demonstrations.begun.encode())
+
+    folder.claim("learner", config, resume=options.resume, begin=begin)
     with (
         folder.removed_if_unused(),
         end_with_any_thread(stop),
@@ -65,14 +75,6 @@ def train(options: LearnerOptions, again: bool) -> int:
         open_replay(options, folder, stop) as (transport, replay, endpoint),
         open_display(as_json=options.log_json) as display,
     ):
-        # Only now, when the replay is ours too: a refused start must not change anything.
-        if not options.resume:  # a start that failed may have left them
-            folder.initial.unlink(missing_ok=True)
-            folder.demonstrations.unlink(missing_ok=True)
-        if options.initial is not None:
-            write_atomically(folder.initial, encode_weights(network, config))
-        if demonstrations is not None:
-            write_atomically(folder.demonstrations, demonstrations.begun.encode())
         learner = build_learner(
             options,
             folder,

@@ -6,7 +6,7 @@ import os
 import shutil
 import struct
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO, Literal, Self, get_args
@@ -133,9 +133,21 @@ class RunFolder:
             with tempfile.TemporaryFile(dir=there):
                 pass
 
-    def claim(self, part: Part, config: RunConfig, *, resume: bool) -> None:
+    def claim(
+        self,
+        part: Part,
+        config: RunConfig,
+        *,
+        resume: bool,
+        begin: Callable[[], None] = lambda: None,
+    ) -> None:
         """Claims ``part`` of the run for this process, and settles the run's configuration. Raises
-        InputError if another process holds the part, or `check_claim` does."""
+        InputError if another process holds the part, or `check_claim` does.
+
+        Args:
+            begin: writes what the run begins with. A process that is killed before or within it
+                leaves no configuration, and therefore nothing to resume.
+        """
         self.check_claim(part, config, resume=resume)  # what is refused makes no folder
         with writing(self.path):
             self._made |= not self.path.exists()
@@ -155,6 +167,7 @@ class RunFolder:
             except OSError as error:
                 raise cannot_write(self.path, error) from None
             self._locks[part] = lock  # held until the process ends, in whatever way
+            begin()
             if stored != config:
                 write_atomically(self.config_file, to_json(config).encode())
 

@@ -1,0 +1,60 @@
+"""The start of the process that trains."""
+
+from pathlib import Path
+from typing import Any
+from unittest.mock import Mock
+
+import pytest
+import torch
+
+from common.atomic_file import write_atomically
+from common.errors import InputError
+from common.process.command_line import parse_run
+from common.protocol.weights import encode_weights
+from common.run.folder import RunFolder
+from learner import process
+from learner.first_network import first_network
+from learner.options import LearnerOptions, stored_config
+
+
+class Killed(BaseException):
+    """As by kill -9: nobody cleans up."""
+
+
+def test_a_start_that_is_killed_leaves_its_network_or_nothing_to_resume(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Once there is a configuration, `--resume` alone goes on with what the start was given."""
+    here = ("--runs", str(tmp_path), "--run", "r", "--env", "ale", "--learning.network=nips")
+
+    def options(*more: str) -> LearnerOptions:
+        return parse_run(LearnerOptions, "learner", [*here, *more], stored_config)[0]
+
+    folder = RunFolder(tmp_path, "r")
+    given, network = tmp_path / "given.safetensors", first_network(options("--seed=7"), folder)
+    given.write_bytes(encode_weights(network, options().config))
+
+    def killed(before: Any, after: Any) -> None:
+        def last(path: Path, *content: Any) -> None:
+            if path == before:
+                raise Killed
+            write_atomically(path, *content)
+            if path == after:
+                raise Killed
+
+        with monkeypatch.context() as patched:
+            for unneeded in ("build_algorithm", "choose_device", "on_signals"):
+                patched.setattr(process, unneeded, Mock())
+            for module in ("learner.process", "common.run.folder"):
+                patched.setattr(f"{module}.write_atomically", last)
+            with pytest.raises(Killed):
+                process.train(options("--initial", str(given), "--threads=1"), again=False)
+
+    for moment in ((folder.initial, None), (None, folder.initial), (folder.config_file, None)):
+        killed(*moment)
+        with pytest.raises(InputError, match=r"there is no run in .* to resume"):
+            options("--resume").check_here()
+    killed(None, folder.config_file)
+    options("--resume").check_here()
+    found = first_network(options("--resume"), folder)
+    assert torch.equal(found.hidden.weight, network.hidden.weight)
