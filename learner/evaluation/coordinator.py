@@ -75,7 +75,7 @@ class EvaluationCoordinator:
         self._tests: dict[int, EpochTest] = {}
         self._shards: dict[str, _Shard] = {}
         self._finished: list[EpochTest] = []
-        self._unneeded: list[int] = []
+        self._unneeded: set[int] = set()
         """Epochs whose snapshots the next `sweep` deletes."""
         self._over = False
 
@@ -87,18 +87,19 @@ class EvaluationCoordinator:
         nobody = not self.evaluators()
         with self._lock:
             self._tests[test.epoch] = test
+            self._unneeded.discard(test.epoch)  # a killed learner may have left its snapshot
             given = {shard.epoch for shard in self._shards.values()}
             waiting = sorted(self._tests.keys() - given)
             for epoch in waiting[:-MAX_WAITING] if nobody else ():
                 del self._tests[epoch]
-                self._unneeded.append(epoch)
+                self._unneeded.add(epoch)
 
     def sweep(self) -> None:
         """Deletes the snapshots of tests that are over or given up; call it once no checkpoint
         needs them."""
-        while self._unneeded:
-            self.snapshots.remove(self._unneeded[-1])
-            self._unneeded.pop()
+        for epoch in tuple(self._unneeded):
+            self.snapshots.remove(epoch)
+            self._unneeded.remove(epoch)
 
     def take_finished(self) -> EpochTest | None:
         """Returns a test that is over, each one once; None if there is none.
@@ -142,7 +143,7 @@ class EvaluationCoordinator:
                     "missing",
                     test.epoch,
                 )
-        self._unneeded.append(test.epoch)
+        self._unneeded.add(test.epoch)
 
     def finish(self) -> None:
         """Tells evaluators without a job from now on that the run is over."""
@@ -172,6 +173,8 @@ class EvaluationCoordinator:
     def restore(self, state: list[dict[str, Any]]) -> list[int]:
         """Resumes the tests of a checkpoint; each is played again from its start.
 
+        The next `sweep` deletes the snapshots that a killed learner left without a test.
+
         Returns the epochs that stay untested because their snapshots are gone. This happens with
         the previous checkpoint, which has tests that were settled since.
         """
@@ -184,6 +187,7 @@ class EvaluationCoordinator:
                 continue
             with self._lock:
                 self._tests[test.epoch] = test
+        self._unneeded |= self.snapshots.epochs() - self._tests.keys()
         return untested
 
     # ------------------------------------------------------------------ for the evaluators

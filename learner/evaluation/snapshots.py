@@ -7,7 +7,7 @@ from typing import Any
 from common.atomic_file import write_atomically, write_json
 from common.checked import Score, build
 from common.regular_file import read_file
-from common.run.folder import epoch_name
+from common.run.folder import epoch_name, kept_networks
 
 
 class Snapshots:
@@ -33,6 +33,10 @@ class Snapshots:
     def read(self, epoch: int) -> bytes:
         """Returns the weights of an epoch. Raises OSError if they are missing."""
         return read_file(self.file(epoch))
+
+    def epochs(self) -> set[int]:
+        """Returns the epochs whose weights are stored."""
+        return set(kept_networks(self._folder))
 
     def remove(self, epoch: int) -> None:
         """Deletes the weights of an epoch, unless all are kept."""

@@ -383,6 +383,23 @@ def test_a_pending_test_survives_a_restart(tmp_path: Path) -> None:
     assert last.coordinator.pending == 0
 
 
+@pytest.mark.parametrize("keep", [False, True])
+def test_a_snapshot_that_a_killed_learner_left_without_a_test_goes(
+    tmp_path: Path, keep: bool
+) -> None:
+    """The test of 3 was settled; of 5 and 6, which end again, the checkpoint does not know yet."""
+    before = Place(tmp_path)
+    for epoch in (3, 4, 5, 6):
+        before.coordinator.add(epoch_test(epoch), b"w")
+    after = Place(tmp_path, keep=keep)
+    after.coordinator.restore([test for test in before.coordinator.state() if test["epoch"] == 4])
+    assert len(list(tmp_path.iterdir())) == 4, "until there is a checkpoint"
+    after.coordinator.add(epoch_test(5), b"again")
+    after.coordinator.sweep()
+    assert after.coordinator.snapshots.epochs() == ({3, 4, 5, 6} if keep else {4, 5})
+    assert after.ask("e").epoch == 4
+
+
 def test_a_finished_test_that_was_not_taken_is_in_the_state(tmp_path: Path) -> None:
     tests = Place(tmp_path, "e")
     for epoch in (1, 2, 3):
