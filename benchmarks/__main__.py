@@ -14,9 +14,9 @@ from collections.abc import Sequence
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.child import run_module
+from benchmarks.child import run_module, run_program
 from benchmarks.registry import BENCHMARKS, RESULTS
-from common.errors import InputError, choice, exit_on_input_error
+from common.errors import InputError, choice
 
 ALL = "all"
 
@@ -61,4 +61,4 @@ def run_all() -> None:
 
 
 if __name__ == "__main__":
-    exit_on_input_error(lambda: main(sys.argv[1:]))
+    run_program(lambda: main(sys.argv[1:]))

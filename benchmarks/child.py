@@ -1,11 +1,13 @@
 """Processes for benchmarks: free addresses, temporary folders, and processes that surely end.
 
-`Helper` is a process whose object's methods are called; `run_module` waits for a whole process.
+`Helper` is a process whose object's methods are called; `run_module` waits for a whole process. A
+program that starts any of them is run by `run_program`.
 """
 
 import contextlib
 import json
 import os
+import signal
 import socket
 import subprocess
 import sys
@@ -47,6 +49,13 @@ def scratch(place: Path | None = None) -> Iterator[Path]:
     prefix = "ale-robot-bench-"
     with tempfile.TemporaryDirectory(prefix=prefix, dir=place, ignore_cleanup_errors=True) as name:
         yield Path(name)
+
+
+def run_program(work: Callable[[], int | None]) -> None:
+    """Runs ``work`` and ends this process, as `exit_on_input_error` does. SIGTERM unwinds the stack
+    as Ctrl-C does, so that no process that was started is left behind."""
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    exit_on_input_error(work)
 
 
 def run_module(module: str, *arguments: str, quiet: bool = False) -> None:

@@ -5,7 +5,6 @@ Report``, and ``main(NAME, Options, measure)`` at its end. `benchmarks.registry`
 """
 
 import json
-import signal
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -18,9 +17,10 @@ from annotated_types import Gt, MinLen
 from rich.console import Console
 from rich.table import Table as RichTable
 
+from benchmarks.child import run_program
 from common.atomic_file import check_new_file, write_json
 from common.checked import FromOne
-from common.errors import InputError, exit_on_input_error
+from common.errors import InputError
 from common.process.command_line import parse
 from learner.telemetry.provenance import machine_line, provenance
 
@@ -85,10 +85,8 @@ O = TypeVar("O", bound=BenchmarkOptions)  # noqa: E741
 
 
 def main(name: str, options: type[O], measure: Callable[[O], Report]) -> None:
-    """Runs a benchmark as ``python -m benchmarks.NAME``; on failure it ends the process."""
-    # SIGTERM then unwinds the stack, so that no process that was started is left behind.
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
-    exit_on_input_error(lambda: run(name, options, measure, sys.argv[1:]))
+    """Runs a benchmark as ``python -m benchmarks.NAME``, and ends the process."""
+    run_program(lambda: run(name, options, measure, sys.argv[1:]))
 
 
 def run(

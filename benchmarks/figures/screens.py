@@ -23,8 +23,8 @@ from rich.console import Console
 from rich.terminal_theme import SVG_EXPORT_THEME
 from rich.text import Text
 
-from benchmarks.child import free_endpoint, scratch
-from common.errors import InputError, exit_on_input_error
+from benchmarks.child import free_endpoint, run_program, scratch
+from common.errors import InputError
 from common.process.command_line import parse
 from common.process.extras import extra_for
 
@@ -167,4 +167,4 @@ def _draw_terminal(browser: Any, screen: str, path: Path) -> None:
 
 
 if __name__ == "__main__":
-    exit_on_input_error(lambda: draw(parse(Screens, "benchmarks.figures.screens", sys.argv[1:])))
+    run_program(lambda: draw(parse(Screens, "benchmarks.figures.screens", sys.argv[1:])))

@@ -7,7 +7,6 @@ delay` draws the table.
 """
 
 import csv
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -16,11 +15,10 @@ import tyro
 from annotated_types import MinLen
 
 from benchmarks.lab.policy import EPSILON, evaluate, settings_of
+from benchmarks.report import BenchmarkOptions, Report, main, scored
 from common.atomic_file import check_new_file
 from common.checked import Fraction, FromOne
-from common.errors import exit_on_input_error
 from common.press_latency import ms_of
-from common.process.command_line import parse
 from common.run.conditions import Latency
 from common.run.origin import run_of
 
@@ -33,7 +31,7 @@ keys."""
 
 
 @dataclass(frozen=True)
-class Options:
+class Options(BenchmarkOptions):
     """Play games by trained networks under several actuation latencies."""
 
     networks: tyro.conf.Positional[Annotated[tuple[Path, ...], MinLen(1)]]
@@ -46,6 +44,10 @@ class Options:
     """Share of random agent steps."""
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"])] = Path("late_keys.csv")
     """Table to write."""
+
+    def check(self) -> None:
+        super().check()
+        check_new_file(self.output)
 
 
 def name_of(network: Path) -> str:
@@ -75,9 +77,7 @@ def play(network: Path, press: int, options: Options) -> dict[str, Any]:
     return {name: told[name] for name in COLUMNS}
 
 
-def main() -> None:
-    options = parse(Options, "benchmarks.lab.actuation_latency", sys.argv[1:])
-    check_new_file(options.output)
+def measure(options: Options) -> Report:
     rows: list[dict[str, Any]] = []
     for press in options.press:
         for network in options.networks:
@@ -86,8 +86,12 @@ def main() -> None:
                 writer = csv.DictWriter(file, COLUMNS)
                 writer.writeheader()
                 writer.writerows(rows)
-    print(f"wrote {options.output}")
+    shown = [
+        {name: row[name] for name in ("network", "late_ms")} | {"games": scored(row)}
+        for row in rows
+    ]
+    return Report.of("the cost of latency", shown, {}, f"every column is in {options.output}")
 
 
 if __name__ == "__main__":
-    exit_on_input_error(main)
+    main("lab.actuation_latency", Options, measure)

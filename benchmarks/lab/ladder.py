@@ -15,18 +15,17 @@ import csv
 import io
 import shlex
 import shutil
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
 from benchmarks.lab.games import ANCHORS
-from benchmarks.lab.policy import EPSILON, evaluate, first_at, scores_of, train
+from benchmarks.lab.policy import EPSILON, TrainingOptions, evaluate, first_at, scores_of, train
+from benchmarks.report import Report, counted, main, scored
 from common.atomic_file import check_new_file, write_atomically, write_json
-from common.checked import Count, Fraction, FromOne
-from common.errors import exit_on_input_error
-from common.process.command_line import PRESENT_FLAGS, parse
+from common.checked import Fraction, FromOne
+from common.process.command_line import PRESENT_FLAGS
 from common.run.epochs import EpochRow, EpochTable
 from common.run.folder import RunFolder
 from learner.evaluation.options import EvaluationOptions
@@ -61,7 +60,7 @@ names of the row's commit. ``note``, written by hand: why the flags do not repro
 
 
 @dataclass(frozen=True)
-class Options:
+class Options(TrainingOptions):
     """Train one rung of the ladder and evaluate it; each seed adds a row of results."""
 
     rung: Rung
@@ -69,8 +68,6 @@ class Options:
     """Length of each run, in agent steps; the same command resumes a run that was stopped."""
     seeds: FromOne = 1
     """Number of runs, each with a seed of its own."""
-    seed: Count = 1
-    """Seed of the first run; those of the others follow it."""
     game: str = "pong"
     """Game: any that ale-py bundles, in snake_case."""
     preset: Literal["fast", "robot"] = "robot"
@@ -81,12 +78,12 @@ class Options:
     """Number of games of each evaluation."""
     epsilon: Fraction = EPSILON
     """Share of random actions in each evaluation."""
-    learner: str = ""
-    """More flags for `python -m learner`, as in --learner="--threads 2"."""
-    runs: Path = Path("runs")
-    """Folder that holds the runs."""
     output: Path = Path("benchmarks/results/ladder.csv")
     """Table to which the rows are added; each run's epochs and a JSON of its games go beside it."""
+
+    def check(self) -> None:
+        super().check()
+        check_new_file(self.output)
 
     def flags(self, seed: int) -> list[str]:
         """Returns the flags of the learner, without its folder."""
@@ -160,13 +157,16 @@ def add_row(path: Path, row: dict[str, Any]) -> None:
     write_atomically(path, text.getvalue().encode())
 
 
-def main() -> None:
-    options = parse(Options, "benchmarks.lab.ladder", sys.argv[1:])
-    check_new_file(options.output)
-    for seed in range(options.seed, options.seed + options.seeds):
-        add_row(options.output, climb(options, seed))
-        print(f"added a row to {options.output}", flush=True)
+def measure(options: Options) -> Report:
+    rows = []
+    seeds = range(options.seed, options.seed + options.seeds)
+    for seed in counted(seeds, "seed {}".format):
+        row = climb(options, seed)
+        add_row(options.output, row)
+        rows.append({"seed": seed, "best test": row["best_test_reward"], "games": scored(row)})
+    title = f"rung {options.rung} {options.label}".strip()
+    return Report.of(title, rows, {}, f"every column is in {options.output}")
 
 
 if __name__ == "__main__":
-    exit_on_input_error(main)
+    main("lab.ladder", Options, measure)

@@ -1,8 +1,10 @@
 """Processes that a benchmark starts: helpers that answer, and modules that fail."""
 
+import os
 import signal
 import socket
 import subprocess
+import sys
 import threading
 from pathlib import Path
 
@@ -11,6 +13,8 @@ import pytest
 from benchmarks.child import Helper, free_port, run_module
 from benchmarks.hosted_run import HostedRun
 from common.errors import InputError
+from common.process.exit_codes import INTERRUPTED
+from tests.paths import ROOT
 from tests.patience import wait_until
 
 SUMS = """
@@ -102,6 +106,18 @@ def test_a_module_is_asked_to_end_before_an_interrupt_goes_on(
             run_module("waits")
     finally:
         signal.signal(signal.SIGINT, before)
+    assert (tmp_path / "left").exists()
+
+
+def test_a_program_that_is_asked_to_end_asks_what_it_started(tmp_path: Path) -> None:
+    (tmp_path / "waits.py").write_text(WAITS)
+    program = "from benchmarks.child import *; run_program(lambda: run_module('waits'))"
+    environment = {**os.environ, "PYTHONPATH": f"{ROOT}:{tmp_path}"}
+    command = [sys.executable, "-c", program]
+    with subprocess.Popen(command, cwd=tmp_path, env=environment) as process:
+        wait_until((tmp_path / "ready").exists, "it works")
+        process.terminate()
+    assert process.returncode == INTERRUPTED
     assert (tmp_path / "left").exists()
 
 

@@ -64,6 +64,18 @@ def test_every_module_that_measures_is_registered() -> None:
     assert {name for names in named for name in names} == set(BENCHMARKS)
 
 
+def test_every_experiment_ends_with_what_it_started() -> None:
+    """`main` does so: SIGTERM would leave the processes of a program that ends in its own way."""
+    programs = {
+        module.stem: text.partition('if __name__ == "__main__":\n')[2].strip()
+        for module in (ROOT / "benchmarks" / "lab").glob("*.py")
+        if "__main__" in (text := module.read_text())
+    }
+    assert len(programs) > 10
+    others = {name for name, end in programs.items() if not end.startswith(f'main("lab.{name}", ')}
+    assert not others
+
+
 def test_all_are_run_with_their_published_flags(monkeypatch: pytest.MonkeyPatch) -> None:
     told: list[Sequence[str]] = []
     monkeypatch.setattr(command, "run_module", lambda *words: told.append(words))

@@ -1,14 +1,14 @@
 """`benchmarks.lab.actuation_latency`: the published policy under keys that come late."""
 
 import csv
-import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from benchmarks.lab import actuation_latency as late_keys
-from benchmarks.lab.actuation_latency import hand_flags, name_of
+from benchmarks import report
+from benchmarks.lab import actuation_latency
+from benchmarks.lab.actuation_latency import COLUMNS, Options, hand_flags, measure, name_of
 from common.errors import InputError
 from tests.paths import ROOT
 
@@ -16,16 +16,19 @@ ALE = ROOT / "policies" / "ale_pong.safetensors"
 ROBOT = ALE.with_name("robot_pong.safetensors")
 
 
+def run(*arguments: str) -> None:
+    report.run("lab.actuation_latency", Options, measure, arguments)
+
+
 @pytest.mark.usefixtures("forks")
 def test_a_row_for_each_network_and_lateness(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     output = tmp_path / "late_keys.csv"
     # Wholly random games, which are short.
     random = ["--games", "1", "--epsilon", "1"]
-    command = ["late_keys", str(ALE), *random, "--press", "0", "60", "-o", str(output)]
-    monkeypatch.setattr(sys, "argv", command)
-    late_keys.main()
+    run(str(ALE), *random, "--press", "0", "60", "-o", str(output))
+    assert "1,000.0" in capsys.readouterr().out
     with output.open() as file:
         rows = list(csv.DictReader(file))
     assert [(row["network"], row["press"]) for row in rows] == [
@@ -41,18 +44,16 @@ def test_a_row_for_each_network_and_lateness(
 def test_one_that_is_stopped_leaves_the_rows_that_it_has(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    def play(network: Path, press: int, options: late_keys.Options) -> dict[str, Any]:
+    def play(network: Path, press: int, options: Options) -> dict[str, Any]:
         if press == options.press[len(rows)]:
             raise KeyboardInterrupt
-        return dict.fromkeys(late_keys.COLUMNS, press)
+        return dict.fromkeys(COLUMNS, press)
 
     output = tmp_path / "late_keys.csv"
-    command = ["late_keys", str(ALE), "--press", "5", "7", "-o", str(output)]
-    monkeypatch.setattr(sys, "argv", command)
-    monkeypatch.setattr(late_keys, "play", play)
+    monkeypatch.setattr(actuation_latency, "play", play)
     for rows in ([], ["5"]):
         with pytest.raises(KeyboardInterrupt):
-            late_keys.main()
+            run(str(ALE), "--press", "5", "7", "-o", str(output))
         told = output.read_text().splitlines() if output.exists() else []
         assert [row["press"] for row in csv.DictReader(told)] == rows
         assert output.exists() == bool(rows)
@@ -73,14 +74,13 @@ def test_networks_in_runs_have_the_runs_name(tmp_path: Path) -> None:
     assert name_of(ALE) == "ale_pong"
 
 
-def test_what_cannot_be_played_is_refused(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_what_cannot_be_played_is_refused(tmp_path: Path) -> None:
     for arguments, words in (
         ([], "--networks is .*: choose at least 1 of them"),
         ([str(ALE), "--press", "61"], r"--press\.0 is 61: choose at most 60"),
         ([str(ALE), "-o", str(tmp_path)], "is a folder: name a file in it"),
     ):
-        monkeypatch.setattr(sys, "argv", ["actuation_latency", *arguments])
         with pytest.raises(InputError, match=words):
-            late_keys.main()
+            run(*arguments)
     with pytest.raises(InputError, match="neither a card nor a run's folder"):
         hand_flags(tmp_path / "weights.safetensors", 0)

@@ -8,7 +8,7 @@ from unittest.mock import Mock
 
 import pytest
 
-from benchmarks.lab import ladder
+from benchmarks import report
 from benchmarks.lab.ladder import COLUMNS, FLAGS, Options, Rung, add_row, row_of
 from common.errors import InputError
 from common.process.command_line import parse_run
@@ -103,12 +103,11 @@ def test_a_row_of_former_names_is_of_the_same_run(tmp_path: Path) -> None:
 
 
 def test_a_table_that_cannot_be_written_is_refused_before_hours_of_training(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path,
 ) -> None:
-    monkeypatch.setattr(sys, "argv", ["ladder", "--rung", "R1", "--output", str(tmp_path)])
-    monkeypatch.setattr(ladder, "climb", Mock(side_effect=AssertionError))
+    measured = Mock(side_effect=AssertionError)
     with pytest.raises(InputError, match="is a folder: name a file in it"):
-        ladder.main()
+        report.run("lab.ladder", Options, measured, ["--rung", "R1", "--output", str(tmp_path)])
 
 
 @pytest.mark.slow
