@@ -2,21 +2,20 @@
 
 Half of the changes begin after the old keys were held for a while. The other half begin one agent
 step after the old command, as in play. Times are whole emulator frames of 16.7 ms.
+
+`python -m benchmarks.figures.plot --figure press FILE` draws the table.
 """
 
 from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-import tyro
 from annotated_types import Ge
 from numpy.typing import NDArray
 
 from actors.robots.latency import FRAME_MS, GOAL, Change, Latency, changes
-from benchmarks.figures.plot_press import press_figure
 from benchmarks.report import BenchmarkOptions, Report, Table, main
 from common.actions import KEYS_OF_ACTION
 from common.checked import FromOne
@@ -24,7 +23,6 @@ from common.games import SCREEN_SHAPE
 from common.registry import ROBOTS
 from common.run.conditions import CameraConfig, PlayConfig
 from common.strict_json import strict
-from learner.figures.plot_style import check_figure, save
 
 _NAMES = ["".join(key.name[0] for key in keys if key.name) or "·" for keys in KEYS_OF_ACTION]
 """Each action's keys as letters, such as "UR" or "DLF"; a dot for no keys."""
@@ -40,13 +38,6 @@ class Options(BenchmarkOptions):
     """Number of times that each of the 306 changes is made from held keys, and again in play."""
     seed: Annotated[int, Ge(0)] = 1
     """Seed of the order of the changes."""
-    output: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
-    """Picture of the table: .png, .svg or .pdf."""
-
-    def check(self) -> None:
-        super().check()
-        if self.output is not None:
-            check_figure(self.output)
 
 
 def tables(found: Sequence[Change]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -119,8 +110,6 @@ def measure(options: Options) -> Report:
             "worst_ms": worst.tolist(),
         }
     )
-    if options.output is not None:
-        save(press_figure(content), options.output)
     return Report([table(median)], content, sentences(latency, settled, unsettled))
 
 
