@@ -19,12 +19,10 @@ Only a robot has joints, and they are included only with ``play.vector_joints``.
 within [-1, 1].
 """
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from common.actions import KEYS_OF_ACTION, Keys
-
-if TYPE_CHECKING:
-    from common.run.conditions import PlayConfig
+from common.run.conditions import PlayConfig
 
 MAX_VECTOR = 1_024
 """Maximum number of components."""
@@ -41,7 +39,7 @@ class VectorWidths(NamedTuple):
     forecast: int
 
 
-def vector_widths(play: "PlayConfig", joints: int) -> VectorWidths:
+def vector_widths(play: PlayConfig, joints: int) -> VectorWidths:
     """Returns the widths of the groups of the vector observation, for a robot with that many
     ``joints``; 0 without a robot."""
     return VectorWidths(
@@ -52,6 +50,6 @@ def vector_widths(play: "PlayConfig", joints: int) -> VectorWidths:
     )
 
 
-def vector_width(play: "PlayConfig", joints: int) -> int:
+def vector_width(play: PlayConfig, joints: int) -> int:
     """Returns the number of components of the vector observation."""
     return sum(vector_widths(play, joints))

@@ -26,10 +26,9 @@ from common.errors import InputError, choice
 from common.games import MINIMAL_ACTIONS, check_game
 from common.pinned_file import path_of
 from common.proprioception import vector_width
-from common.run.conditions import SETTINGS_OF_A_ROBOT
+from common.run.conditions import SETTINGS_OF_A_ROBOT, PlayConfig
 
 if TYPE_CHECKING:
-    from common.run.conditions import PlayConfig
     from common.run.config import LearningConfig, PresetName, RunConfig
 
 
@@ -51,7 +50,7 @@ class Environment(Entry):
 
     actions: Callable[["RunConfig"], int]
     """Returns the number of actions. Raises InputError for an unknown game."""
-    vector_width: Callable[["PlayConfig"], int] = lambda play: vector_width(play, 0)
+    vector_width: Callable[[PlayConfig], int] = lambda play: vector_width(play, 0)
     """Returns the width of the vector observation, for ``play.vector``."""
     robot: bool = False
     """Whether hands press the keys, so that real time and waiting for keys have a meaning."""
