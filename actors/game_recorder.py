@@ -8,7 +8,7 @@ from typing import Any
 
 import gymnasium
 
-from actors.loop import frames_and_vector
+from actors.envs.observation import frames_and_vector
 
 _BYTES = 8
 """Size of a hash. The chance that any two of 30 different games share one is 2e-17."""

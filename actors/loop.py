@@ -10,9 +10,8 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
+from actors.envs.observation import NO_VECTOR, frames_and_vector
 from actors.envs.step_info import StepInfo
-
-NO_VECTOR: NDArray[np.float32] = np.zeros(0, np.float32)
 
 
 class Step(NamedTuple):
@@ -59,13 +58,6 @@ class Player(Protocol):
             frames: states ``[E, frame_stack, 84, 84]``.
             vectors: vector observations ``[E, P]``.
         """
-
-
-def frames_and_vector(observation: Any) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
-    """Returns both parts of an environment's observation; the vector is empty if it has none."""
-    if isinstance(observation, dict):
-        return observation["frames"], observation["vector"]
-    return observation, NO_VECTOR
 
 
 def play(

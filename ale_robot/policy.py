@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from rich.console import Console
 
 from actors.envs import make_env
-from actors.envs.observation import Observation
-from actors.loop import frames_and_vector
+from actors.envs.observation import Observation, frames_and_vector
 from actors.policy import Policy
 from common.errors import InputError
 from common.run.clock import ClockConfig

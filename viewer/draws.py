@@ -12,9 +12,9 @@ import tyro
 from numpy.typing import NDArray
 
 from actors.envs.game_env import GameEnv
+from actors.envs.observation import frames_and_vector
 from actors.envs.robot import RobotEnv
 from actors.envs.shown_env import ShownEnv
-from actors.loop import frames_and_vector
 from actors.vision.layout import border_of
 from common.checked import FromOne
 from common.errors import InputError

@@ -10,8 +10,8 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
+from actors.envs.observation import frames_and_vector
 from actors.envs.shown_env import ShownEnv
-from actors.loop import frames_and_vector
 from actors.vision.layout import ASPECT
 from common.errors import InputError
 from common.protocol.step_fields import FRAME_SHAPE

@@ -16,6 +16,14 @@ from common.run.conditions import PlayConfig
 
 Observation: TypeAlias = NDArray[np.uint8] | dict[str, Any]
 """Frames ``uint8 [frame_stack, 84, 84]``; or these as ``frames`` and ``vector float32 [P]``."""
+NO_VECTOR: NDArray[np.float32] = np.zeros(0, np.float32)
+
+
+def frames_and_vector(observation: Any) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+    """Returns both parts of an environment's observation; the vector is empty if it has none."""
+    if isinstance(observation, dict):
+        return observation["frames"], observation["vector"]
+    return observation, NO_VECTOR
 
 
 def observation_space(play: PlayConfig, joints: int = 0) -> gymnasium.Space[Any]:

@@ -13,8 +13,8 @@ from actors.envs import make_env
 from actors.envs.ale import AtariEnv
 from actors.envs.emulator import Emulator
 from actors.envs.frame_camera import FrameCamera
+from actors.envs.observation import frames_and_vector
 from actors.envs.robot import RobotEnv
-from actors.loop import frames_and_vector
 from actors.vision.layout import GAME_IN_PICTURE
 from common.run.conditions import CameraConfig, PlayConfig
 from common.run.config import RunConfig
