@@ -14,7 +14,7 @@ from prometheus_client.metrics_core import Metric as Family
 from prometheus_client.registry import Collector
 
 from common.metrics import METRICS, Metric, Value, Values
-from common.process.http_endpoints import Page
+from common.process.http_page import Page
 
 PREFIX = "ale_robot"
 INFO = f"{PREFIX}_run_info"

@@ -32,7 +32,8 @@ from common.checked import MAX_COUNT
 from common.errors import InputError, exit_on_input_error
 from common.process.allocator import keep_large_blocks
 from common.process.command_line import RunOptions, parse_run
-from common.process.http_endpoints import Page, http_endpoints, verdict
+from common.process.http_endpoints import http_endpoints
+from common.process.http_page import Page, verdict
 from common.process.lifeline import on_signals
 from common.process.log_lines import kept_log, say, say_json
 from common.process.restarts import with_restarts

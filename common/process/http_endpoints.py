@@ -5,30 +5,15 @@
 """
 
 import logging
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
-from typing import NamedTuple
 
 from common.errors import InputError
 from common.process.extras import extra_for
+from common.process.http_page import Page
 from common.transport.endpoint import host_and_port, is_loopback
 
 _log = logging.getLogger(__name__)
-
-
-class Page(NamedTuple):
-    """The response to a request for one path."""
-
-    body: bytes
-    kind: str = "text/plain; charset=utf-8"
-    status: int = 200
-
-
-def verdict(reasons: Sequence[str]) -> Page:
-    """Returns ``ok``; or, with status 503, the ``reasons`` why not, one per line."""
-    if not reasons:
-        return Page(b"ok\n")
-    return Page("".join(f"{reason}\n" for reason in reasons).encode(), status=503)
 
 
 def check_address(

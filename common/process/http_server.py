@@ -7,7 +7,6 @@ import re
 import socket
 import threading
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING
 
 import uvicorn
 from starlette.applications import Starlette
@@ -18,9 +17,7 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 from uvicorn.protocols.http.h11_impl import H11Protocol, RequestResponseCycle
 
 from common.errors import InputError
-
-if TYPE_CHECKING:  # it loads this module where it serves
-    from common.process.http_endpoints import Page
+from common.process.http_page import Page
 
 _MAX_CONNECTIONS = 64
 """Maximum number of connections; further ones are closed."""
@@ -158,7 +155,7 @@ def may_be_asked_as(told: Sequence[str], host: str) -> bool:
     return True
 
 
-def application(pages: Mapping[str, Callable[[], "Page"]]) -> ASGIApp:
+def application(pages: Mapping[str, Callable[[], Page]]) -> ASGIApp:
     """Returns the application that serves ``pages`` by their paths."""
 
     def show(request: Request) -> Response:

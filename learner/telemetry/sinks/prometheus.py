@@ -7,7 +7,7 @@ from prometheus_client.metrics_core import Metric as Family
 
 from common.exposition import families, family, metrics_page
 from common.metrics import METRICS, Metric
-from common.process.http_endpoints import Page, verdict
+from common.process.http_page import Page, verdict
 from common.protocol.actor_stats import TOTALS
 from learner.telemetry.health_checks import hanging, reasons
 from learner.telemetry.sinks.sink import LatestSink

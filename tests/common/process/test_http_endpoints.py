@@ -11,7 +11,8 @@ import pytest
 from benchmarks.child import free_endpoint
 from common.errors import InputError
 from common.process import http_server
-from common.process.http_endpoints import Page, check_address, http_endpoints, verdict
+from common.process.http_endpoints import check_address, http_endpoints
+from common.process.http_page import Page, verdict
 from common.process.http_server import HttpServer, application, may_be_asked_as
 from tests.http_get import get
 from tests.patience import PATIENCE, wait_until
