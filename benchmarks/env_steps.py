@@ -28,6 +28,7 @@ from common.checked import FromOne
 from common.run.clock import ClockConfig
 from common.run.conditions import CameraConfig
 from common.run.presets import PRESETS
+from common.run.rules import check_config
 
 Kind = Literal["robot_sync", "robot_wait", "ale"]
 
@@ -85,7 +86,7 @@ class Player:
             game=options.game,
             camera=options.camera,
         )
-        config.check()
+        check_config(config)
         self._envs: list[gymnasium.Env[Any, Any]] = [
             make_env(config, ClockConfig(wait_action=kind == "robot_wait"), training=True)
             for _ in range(options.envs)

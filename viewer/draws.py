@@ -21,6 +21,7 @@ from common.errors import InputError
 from common.run.conditions import Conditions
 from common.run.config import RunConfig
 from common.run.ranges import RandomiseConfig, all_ranges
+from common.run.rules import check_config
 from viewer import overlay
 from viewer.picture import check_picture, write_picture
 from viewer.player import Played, shown_env
@@ -50,7 +51,7 @@ class Draws(Played):
     """File of the picture."""
 
     def check(self) -> None:
-        self._drawn().check()
+        check_config(self._drawn())
         check_picture(self.output)
 
     def run(self, stop: threading.Event) -> None:

@@ -21,7 +21,7 @@ from common.run.fit import check_fit
 from common.run.origin import origin_of
 from common.run.own_settings import ENVIRONMENT, ROBOT
 from common.run.presets import PRESETS
-from common.run.rules import check_robot
+from common.run.rules import check_config, check_robot
 from common.run.stored_config import flat
 
 File = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
@@ -93,7 +93,7 @@ class Played:
             seed=config.seed if self.seed is None else self.seed,
             play=play,
         )
-        config.check()
+        check_config(config)
         check_robot(before, config)
         if weights is not None:
             check_fit(weights, trained, config)

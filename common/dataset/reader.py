@@ -27,6 +27,7 @@ from common.errors import InputError
 from common.protocol.step_fields import STEP_FIELDS
 from common.regular_file import read_file
 from common.run.config import RunConfig
+from common.run.rules import check_config
 from common.run.stored_config import from_mapping
 
 _MAX_INFO_BYTES = 2**20
@@ -64,7 +65,7 @@ class Dataset:
             )
         self.config = from_mapping(RunConfig, info.ale_robot, str(path), fill=True)
         """The settings under which the games were played."""
-        self.config.check()
+        check_config(self.config)
         self.episodes = info.total_episodes
         self._info = content
         self.fingerprint = ""

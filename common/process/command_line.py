@@ -28,7 +28,7 @@ from common.run.config import RunConfig
 from common.run.origin import find_weights
 from common.run.presets import PRESETS
 from common.run.ranges import all_ranges
-from common.run.rules import check_robot
+from common.run.rules import check_config, check_robot
 from common.run.stored_config import REMOVED, RENAMED, flag_of, flat
 from common.transport.endpoint import DEFAULT_ENDPOINT
 from common.transport.leaky_bucket import ACTOR_QUOTA
@@ -121,7 +121,7 @@ def parse_run(
     if ALL_RANGES in arguments:
         drawn = dataclasses.replace(found or preset, randomise=all_ranges(options.config.env))
         options = parse(kind, program, flags, config=drawn)
-    options.config.check()
+    check_config(options.config)
     check_robot(found or preset, options.config)
     config = options.config.pinned()
     if config != found:  # a stored run goes on, even if a new version of a package declares more

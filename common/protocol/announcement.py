@@ -9,6 +9,7 @@ from common.checked import Name
 from common.errors import InputError
 from common.protocol.message import Message
 from common.run.config import RunConfig
+from common.run.rules import check_config
 
 
 @dataclass(frozen=True)
@@ -28,7 +29,8 @@ class Announcement(Message):
     def check(self) -> None:
         """See `Message.check`. Raises InputError for settings that cannot work here, or if the
         environment has a different number of actions here."""
-        self.config.without_sampler.check()  # the learner and the replay draw, and check theirs
+        # The learner and the replay draw, and check theirs.
+        check_config(self.config.without_sampler)
         if self.actions != self.config.action_count:
             raise InputError(
                 f"{self.config.played} has {self.actions} actions at the hub and "

@@ -4,7 +4,6 @@ One `RunConfig` describes one experiment. The learner writes it into the run's f
 to every actor that asks, and refuses to resume the run under a different one.
 """
 
-import dataclasses
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from operator import attrgetter
@@ -15,12 +14,10 @@ from annotated_types import Ge, Le, Lt
 
 from common.checked import Amount, Count, Fraction, FromOne, LongText, Score
 from common.pinned_file import pin
-from common.registry import ENVIRONMENTS, Entry, foreign
+from common.registry import ENVIRONMENTS, Entry
 from common.run.conditions import CameraConfig, PlayConfig
-from common.run.own_settings import EXTENSIONS, check_own_settings, in_full
+from common.run.own_settings import EXTENSIONS, in_full
 from common.run.ranges import RandomiseConfig
-from common.run.rules import check_rules
-from common.run.stored_config import from_mapping
 
 MAX_CHUNK_STEPS = 1_024
 MAX_WINDOW = 64
@@ -270,13 +267,13 @@ class RunConfig:
     def in_full(self) -> "RunConfig":
         """Returns the settings with the values of all that extensions declare for themselves."""
         found = self
-        for entry, setting, text in self._own_settings():
+        for entry, setting, text in self.own_settings():
             group, name = setting.split(".")
             changed = replace(getattr(found, group), **{name: in_full(entry, text)})
             found = replace(found, **{group: changed})
         return found
 
-    def _own_settings(self) -> Iterator[tuple[Entry, str, str]]:
+    def own_settings(self) -> Iterator[tuple[Entry, str, str]]:
         """Yields environment, robot, algorithm and sampler, each with the name and the text of its
         own settings. Without a robot, the robot of the settings may be unknown here."""
         for name, where, registry in EXTENSIONS:
@@ -284,13 +281,3 @@ class RunConfig:
             if name == "play.robot" and not (text or ENVIRONMENTS.find(self.env).robot):
                 continue
             yield registry.find(attrgetter(name)(self)), where, text
-
-    def check(self) -> None:
-        """Checks each setting (by the bounds beside its field) and all of them together. Raises
-        InputError with the field at fault and what to choose."""
-        from_mapping(RunConfig, dataclasses.asdict(self), "")
-        for entry, name, text in self._own_settings():
-            check_own_settings(entry, text, name)
-        with foreign(f"`actions` of the environment {self.env!r}"):
-            ENVIRONMENTS.find(self.env).actions(self)  # raises for an unknown game
-        check_rules(self)

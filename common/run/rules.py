@@ -1,18 +1,18 @@
-"""The rules between the settings of a run, beyond the bounds of each."""
+"""The checks of a run's settings: the bounds beside each, and the rules between them."""
 
+from dataclasses import asdict
 from operator import attrgetter
-from typing import TYPE_CHECKING
 
 from common.errors import InputError
 from common.pinned_file import path_of
 from common.proprioception import MAX_VECTOR
 from common.protocol.step_fields import FRAME_BYTES, drawn_fields
 from common.protocol.wire import MAX_MESSAGE_BYTES
-from common.registry import ENVIRONMENTS
+from common.registry import ENVIRONMENTS, foreign
+from common.run.config import RunConfig
+from common.run.own_settings import check_own_settings
 from common.run.ranges import check_ranges, ignored_in
-
-if TYPE_CHECKING:
-    from common.run.config import RunConfig
+from common.run.stored_config import from_mapping
 
 _PLACE_BYTES = 4
 """Size in a message of a frame's place in a state."""
@@ -22,9 +22,14 @@ _HEAD_BYTES = 65_536
 """Size of the parts of a message that do not grow with its steps."""
 
 
-def check_rules(config: "RunConfig") -> None:
-    """Checks settings that are within their bounds against each other. Raises InputError with the
-    setting at fault and what to choose."""
+def check_config(config: RunConfig) -> None:
+    """Checks each setting by the bounds beside its field, and then all of them together. Raises
+    InputError with the setting at fault and what to choose."""
+    from_mapping(RunConfig, asdict(config), "")
+    for entry, name, text in config.own_settings():
+        check_own_settings(entry, text, name)
+    with foreign(f"`actions` of the environment {config.env!r}"):
+        ENVIRONMENTS.find(config.env).actions(config)  # raises for an unknown game
     _check_ignored(config)
     check_ranges(config.play, config.camera, config.randomise)
     _check_hands(config)
@@ -33,7 +38,7 @@ def check_rules(config: "RunConfig") -> None:
     _check_replay(config)
 
 
-def check_robot(before: "RunConfig", config: "RunConfig") -> None:
+def check_robot(before: RunConfig, config: RunConfig) -> None:
     """Refuses a robot that the flags chose, and nobody would play by. The robot of the settings
     ``before`` may stay, so that the emulator alone plays what any robot learned."""
     env, play = config.env, config.play
@@ -42,9 +47,9 @@ def check_robot(before: "RunConfig", config: "RunConfig") -> None:
         raise InputError(f"--robot {play.robot} is for a robot, and --env {env} has none: omit it.")
 
 
-def _check_ignored(config: "RunConfig") -> None:
+def _check_ignored(config: RunConfig) -> None:
     """Refuses settings that have no effect in the environment, unless they have their defaults."""
-    defaults = type(config)()
+    defaults = RunConfig()
     for name in ignored_in(config.env):
         value, usual = map(attrgetter(name), (config, defaults))
         if value != usual:
@@ -55,7 +60,7 @@ def _check_ignored(config: "RunConfig") -> None:
             )
 
 
-def _check_hands(config: "RunConfig") -> None:
+def _check_hands(config: RunConfig) -> None:
     play = config.play
     if play.latency_model and (play.hand == "model" or play.press_latency):
         raise InputError(
@@ -64,7 +69,7 @@ def _check_hands(config: "RunConfig") -> None:
         )
 
 
-def _check_learning_rate(config: "RunConfig") -> None:
+def _check_learning_rate(config: RunConfig) -> None:
     learning = config.learning
     if learning.annealing_steps and learning.final_learning_rate > learning.learning_rate:
         raise InputError(
@@ -74,7 +79,7 @@ def _check_learning_rate(config: "RunConfig") -> None:
         )
 
 
-def _check_messages(config: "RunConfig") -> None:
+def _check_messages(config: RunConfig) -> None:
     """Checks that states fit into messages. Held-out states, and a minibatch, travel in one."""
     width, frame_stack = config.vector_width, config.play.frame_stack
     if width > MAX_VECTOR:
@@ -97,7 +102,7 @@ def _check_messages(config: "RunConfig") -> None:
             )
 
 
-def _check_replay(config: "RunConfig") -> None:
+def _check_replay(config: RunConfig) -> None:
     learning, replay, stream = config.learning, config.replay, config.stream
     if replay.learning_starts < learning.batch_size + learning.n_step:
         raise InputError(

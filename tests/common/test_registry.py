@@ -22,6 +22,7 @@ from common.registry import (
 )
 from common.run.config import RunConfig
 from common.run.presets import PRESETS
+from common.run.rules import check_config
 from tests.paths import ROOT
 
 
@@ -53,7 +54,7 @@ def test_this_projects_are_known() -> None:
 )
 def test_a_run_in_what_nobody_has_is_refused(config: RunConfig, sentence: str) -> None:
     with pytest.raises(InputError, match=sentence):
-        config.check()
+        check_config(config)
 
 
 def test_the_network_is_of_the_kind_that_the_algorithms_entry_names(
@@ -77,7 +78,7 @@ def test_the_network_is_of_the_kind_that_the_algorithms_entry_names(
 
 def test_an_emulator_alone_needs_no_robot() -> None:
     play = replace(PRESETS["fast"].play, robot="atlas")
-    replace(PRESETS["fast"], play=play).check()
+    check_config(replace(PRESETS["fast"], play=play))
 
 
 def test_an_entry_called_file_stands_for_every_file_with_its_suffix() -> None:

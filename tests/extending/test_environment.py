@@ -24,6 +24,7 @@ from common.run.conditions import PlayConfig
 from common.run.config import RunConfig, StreamConfig
 from common.run.own_settings import own_settings
 from common.run.presets import PRESETS
+from common.run.rules import check_config
 from learner.options import LearnerOptions, run_name
 from learner.telemetry.sinks.screen import Screen
 from learner.telemetry.snapshot import Snapshot
@@ -307,12 +308,12 @@ def test_settings_of_its_own_are_checked_with_the_others() -> None:
         ):
             config = replace(CONFIG, play=replace(CONFIG.play, env_settings=wrong))
             with pytest.raises(InputError) as error:
-                config.check()
+                check_config(config)
             assert str(error.value) == sentence
 
 
 def test_an_entry_whose_actions_cannot_be_counted_is_refused() -> None:
     entry = replace(LAMPS, actions=3)  # type: ignore[arg-type]
     with added(ENVIRONMENTS, entry), pytest.raises(InputError) as error:
-        CONFIG.check()
+        check_config(CONFIG)
     assert str(error.value).startswith("`actions` of the environment 'lamps' fails (TypeError(")

@@ -15,6 +15,7 @@ from common.network import build_network
 from common.protocol.announcement import Announcement
 from common.protocol.weights import encode_weights
 from common.registry import SAMPLERS, SamplerKind
+from common.run.rules import check_config
 from replay.replay_buffer import ReplayBuffer
 from replay.samplers import UniformSampler
 from tests.end_to_end.conftest import SMALL, Stage
@@ -45,7 +46,7 @@ def test_actors_join_and_its_policy_plays_without_its_package(tmp_path: Path) ->
         sampler="newest", sampler_settings="newest=5", learning_starts=20, capacity=200
     )
     with pytest.raises(InputError, match=r"^there is no sampler 'newest': choose "):
-        config.check()
+        check_config(config)
     told = Announcement("r", config, config.action_count, "id")
     assert Announcement.decode(told.encode()) == told
     weights = tmp_path / "w.safetensors"

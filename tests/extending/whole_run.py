@@ -21,6 +21,7 @@ from common.registry import Registry
 from common.run.config import RunConfig
 from common.run.folder import RunFolder
 from common.run.join import find_run
+from common.run.rules import check_config
 from common.transport.interface import Transport
 from common.transport.signature import unsigned
 from learner.algorithm.interface import build_algorithm
@@ -59,7 +60,7 @@ def learned(
 
     ``connect`` gives learner and actor a transport each; without it they meet at an `InProcessHub`.
     """
-    config.check()
+    check_config(config)
     folder = RunFolder(runs, run)
     folder.path.mkdir()
     device = Device(torch.device("cpu"), bfloat16=False)

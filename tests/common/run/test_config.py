@@ -11,6 +11,7 @@ from common.errors import InputError
 from common.run.conditions import MAX_WAIT
 from common.run.config import ExplorationConfig, LearningConfig, ReplayConfig, RunConfig
 from common.run.presets import PRESETS
+from common.run.rules import check_config
 
 GOOD = PRESETS["fast"]
 
@@ -26,7 +27,7 @@ def changed(field: str, value: Any, config: RunConfig = GOOD) -> RunConfig:
 
 
 def test_the_defaults_pass() -> None:
-    RunConfig().check()
+    check_config(RunConfig())
 
 
 AT_LEAST_1 = [
@@ -67,21 +68,21 @@ NUMBERS = [
 def test_no_number_is_negative_or_endless(field: str, value: float) -> None:
     advice = "(: choose|, which is not a whole number)"
     with pytest.raises(InputError, match=f"^{field} is {value}{advice}"):
-        changed(field, value).check()
+        check_config(changed(field, value))
 
 
 @pytest.mark.parametrize("field", AT_LEAST_1)
 def test_what_must_be_1_or_more(field: str) -> None:
     with pytest.raises(InputError, match=f"^{field} is 0: choose 1 or more.$"):
-        changed(field, 0).check()
+        check_config(changed(field, 0))
 
 
 @pytest.mark.parametrize("field", SHARES)
 def test_shares_end_at_1(field: str) -> None:
-    changed(field, 1.0).check()
-    changed(field, 0.0).check()
+    check_config(changed(field, 1.0))
+    check_config(changed(field, 0.0))
     with pytest.raises(InputError, match=rf"^{field} is 1.01: choose at most 1\.$"):
-        changed(field, 1.01).check()
+        check_config(changed(field, 1.01))
 
 
 @pytest.mark.parametrize(
@@ -90,16 +91,16 @@ def test_shares_end_at_1(field: str) -> None:
 def test_ranges(field: str, least: int, most: int) -> None:
     few = changed("protocol.held_out_states", 512)  # as many as long states allow
     for value in (least, most):
-        changed(field, value, few).check()
+        check_config(changed(field, value, few))
     for value, advice in ((least - 1, f"{least} or more"), (most + 1, f"at most {most}")):
         with pytest.raises(InputError, match=rf"^{field} is {value}: choose {advice}\.$"):
-            changed(field, value, few).check()
+            check_config(changed(field, value, few))
 
 
 def test_a_mean_over_squares_must_forget() -> None:
     with pytest.raises(InputError, match=r"^learning.rmsprop_decay is 1.0: choose less than 1\.$"):
-        changed("learning.rmsprop_decay", 1.0).check()
-    changed("learning.rmsprop_decay", 0.99).check()
+        check_config(changed("learning.rmsprop_decay", 1.0))
+    check_config(changed("learning.rmsprop_decay", 0.99))
 
 
 @pytest.mark.parametrize(
@@ -128,23 +129,23 @@ def test_a_mean_over_squares_must_forget() -> None:
     ],
 )
 def test_upper_bounds(field: str, most: float, beyond: float) -> None:
-    changed(field, most, replace(GOOD, env="robot")).check()
+    check_config(changed(field, most, replace(GOOD, env="robot")))
     with pytest.raises(InputError, match=f"^{field} is {beyond}: choose at most"):
-        changed(field, beyond).check()
+        check_config(changed(field, beyond))
 
 
 def test_a_chunk_has_at_most_1024_steps() -> None:
     config = changed("replay.ratio_tolerance", 10_000)
-    changed("stream.chunk_steps", 1_024, config).check()
+    check_config(changed("stream.chunk_steps", 1_024, config))
     with pytest.raises(InputError, match=r"^stream.chunk_steps is 1025: choose at most 1024\.$"):
-        changed("stream.chunk_steps", 1_025, config).check()
+        check_config(changed("stream.chunk_steps", 1_025, config))
 
 
 def test_at_most_64_chunks_of_an_actor_are_under_way() -> None:
     config = changed("replay.ratio_tolerance", 10_000)
-    changed("stream.window", 64, config).check()
+    check_config(changed("stream.window", 64, config))
     with pytest.raises(InputError, match=r"^stream.window is 65: choose at most 64\.$"):
-        changed("stream.window", 65, config).check()
+        check_config(changed("stream.window", 65, config))
 
 
 def test_a_file_that_is_named_gets_its_hash(tmp_path: Path) -> None:

@@ -18,6 +18,7 @@ from common.registry import ALGORITHMS, ROBOTS, AlgorithmKind
 from common.run.conditions import PlayConfig
 from common.run.config import LearningConfig, RunConfig
 from common.run.own_settings import ROBOT, in_full, merged, own_settings
+from common.run.rules import check_config
 from tests.extending.whole_run import added
 
 
@@ -195,10 +196,10 @@ def test_a_text_of_settings_may_be_longer_than_others() -> None:
     long = "depth=4".ljust(2_000)
     config = RunConfig(learning=LearningConfig(algorithm="deep", algorithm_settings=long))
     with added(ALGORITHMS, DEEP):
-        config.check()
+        check_config(config)
         longer = replace(config.learning, algorithm_settings=f"{long} ")
         with pytest.raises(InputError, match="choose at most 2000 characters"):
-            replace(config, learning=longer).check()
+            check_config(replace(config, learning=longer))
 
 
 @given(st.text(max_size=60))
@@ -228,7 +229,7 @@ def test_a_run_refuses_settings_that_nobody_declares() -> None:
         ),
     ):
         with pytest.raises(InputError) as error:
-            config.check()
+            check_config(config)
         assert str(error.value) == sentence
 
 
@@ -240,15 +241,15 @@ def test_a_run_takes_those_of_its_algorithm_and_robot() -> None:
             learning=LearningConfig(algorithm="deep", algorithm_settings="depth=4"),
             play=PlayConfig(robot="tall", robot_settings="kappa=2"),
         )
-        config.check()
+        check_config(config)
         wrong = RunConfig(play=PlayConfig(robot="tall", robot_settings="depth=0"))
         with pytest.raises(InputError, match=r"play\.robot_settings\.depth is 0"):
-            wrong.check()
+            check_config(wrong)
     # A setting without a default has to be given.
     with added(ALGORITHMS, AlgorithmKind("deep", "nowhere:deep", settings=Other)):
         lacking = RunConfig(learning=LearningConfig(algorithm="deep"))
         with pytest.raises(InputError, match=r"^learning\.algorithm_settings has a missing or "):
-            lacking.check()
+            check_config(lacking)
 
 
 def test_what_is_wrong_in_settings_that_go_on_names_them() -> None:

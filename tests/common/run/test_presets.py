@@ -5,6 +5,7 @@ from dataclasses import replace
 import pytest
 
 from common.run.presets import PRESETS
+from common.run.rules import check_config
 
 PAPER = PRESETS["paper"]
 
@@ -12,7 +13,7 @@ PAPER = PRESETS["paper"]
 @pytest.mark.parametrize("name", list(PRESETS))
 def test_a_preset_passes_its_own_check_and_knows_its_name(name: str) -> None:
     config = PRESETS[name]  # type: ignore[index]
-    config.check()
+    check_config(config)
     assert config.preset == name
 
 

@@ -16,6 +16,7 @@ from common.run.conditions import PERFECT_CAMERA, CameraConfig, Conditions, Play
 from common.run.config import RunConfig
 from common.run.presets import PRESETS
 from common.run.ranges import NOTHING_DRAWN, RandomiseConfig, all_ranges, check_ranges, draw
+from common.run.rules import check_config
 from common.run.stored_config import from_mapping
 from tests.paths import ROOT
 
@@ -206,7 +207,7 @@ def test_what_is_admitted_never_draws_what_is_not(ranges: RandomiseConfig, seed:
 def test_all_ranges_alone_are_within_the_bounds() -> None:
     for name in ("robot", "fast", "paper"):
         preset = PRESETS[name]
-        replace(preset, randomise=all_ranges(preset.env)).check()
+        check_config(replace(preset, randomise=all_ranges(preset.env)))
 
 
 @pytest.mark.parametrize(
@@ -229,10 +230,10 @@ def test_ranges_that_reach_beyond_a_bound_are_refused(
 ) -> None:
     config = RunConfig(play=PlayConfig(**base), randomise=RandomiseConfig(**ranges))
     if not sentence:
-        config.check()
+        check_config(config)
         return
     with pytest.raises(InputError, match=f"^in a game that --randomise allows, {sentence}"):
-        config.check()
+        check_config(config)
 
 
 def test_all_ranges_of_the_emulator_are_those_that_it_has() -> None:

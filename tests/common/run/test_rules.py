@@ -14,6 +14,7 @@ from common.registry import ENVIRONMENTS
 from common.run.conditions import PlayConfig
 from common.run.config import RunConfig
 from common.run.presets import PRESETS
+from common.run.rules import check_config
 from replay.batch import SharedBatch
 from replay.messages import HeldOutStates
 from tests.common.run.test_config import changed
@@ -24,9 +25,9 @@ def test_a_vector_fits_into_a_chunk() -> None:
     widest = changed("play.vector", True, replace(PRESETS["robot"]))
     for field, number in (("play.vector_commands", 30), ("play.vector_key_frames", 60)):
         widest = changed(field, number, widest)
-    widest.check()
+    check_config(widest)
     with pytest.raises(InputError, match=r"^the vector observation has 1396 numbers: lower"):
-        changed("play.vector_commands", 60, widest).check()
+        check_config(changed("play.vector_commands", 60, widest))
 
 
 @pytest.mark.parametrize("drawn", [{}, {"before": Column(84, 84, drawn=True)}])
@@ -63,53 +64,53 @@ def test_states_that_travel_together_fit_a_message(
             ("learning.batch_size", minibatch),
         ):
             with pytest.raises(InputError, match=f"^{field} is 99999: choose a number") as caught:
-                changed(field, 99_999, config).check()
+                check_config(changed(field, 99_999, config))
             most = int(re.findall(r"from 1 to (\d+)", str(caught.value))[0])
             message(most, frame_stack)
             with pytest.raises(MessageError, match="over the bound"):
                 message(round(1.01 * most), frame_stack)
             with pytest.raises(InputError, match=f"^{field} is {most + 1}: choose a number"):
-                changed(field, most + 1, config).check()
+                check_config(changed(field, most + 1, config))
             with pytest.raises(InputError, match=f"^{field} is 0: choose"):
-                changed(field, 0, config).check()
+                check_config(changed(field, 0, config))
 
 
 def test_an_annealed_learning_rate_never_rises() -> None:
     annealed = changed("learning.annealing_steps", 1_000)
     low = changed("learning.final_learning_rate", 1e-5, annealed)
-    changed("learning.learning_rate", 1e-5, low).check()
+    check_config(changed("learning.learning_rate", 1e-5, low))
     with pytest.raises(InputError, match=r"^learning.learning_rate 5e-06 would rise to .* 1e-05"):
-        changed("learning.learning_rate", 5e-6, low).check()
+        check_config(changed("learning.learning_rate", 5e-6, low))
     constant = changed("learning.annealing_steps", 0, low)
-    changed("learning.learning_rate", 5e-6, constant).check()
+    check_config(changed("learning.learning_rate", 5e-6, constant))
 
 
 def test_the_warm_up_fills_a_minibatch() -> None:
     # 128 transitions of 5 steps each.
-    changed("replay.learning_starts", 133).check()
+    check_config(changed("replay.learning_starts", 133))
     with pytest.raises(InputError, match=r"^replay.learning_starts is 132: .* at least 133 steps"):
-        changed("replay.learning_starts", 132).check()
+        check_config(changed("replay.learning_starts", 132))
 
 
 def test_the_ring_holds_the_warm_up_and_two_chunks() -> None:
     # 10,000 + 2 × 64.
-    changed("replay.capacity", 10_128).check()
+    check_config(changed("replay.capacity", 10_128))
     with pytest.raises(InputError, match=r"^replay.capacity is 10127, .* needs 10128 slots"):
-        changed("replay.capacity", 10_127).check()
+        check_config(changed("replay.capacity", 10_127))
 
 
 def test_the_tolerance_holds_an_actors_window() -> None:
     # 64 steps × 4 chunks.
-    changed("replay.ratio_tolerance", 256).check()
+    check_config(changed("replay.ratio_tolerance", 256))
     with pytest.raises(InputError, match=r"^replay.ratio_tolerance is 255, .* at least 256"):
-        changed("replay.ratio_tolerance", 255).check()
+        check_config(changed("replay.ratio_tolerance", 255))
 
 
 def test_the_tolerance_holds_the_steps_of_one_update() -> None:
     config = changed("learning.train_period", 2_000)
-    changed("replay.ratio_tolerance", 2_000, config).check()
+    check_config(changed("replay.ratio_tolerance", 2_000, config))
     with pytest.raises(InputError, match=r"^replay.ratio_tolerance is 1999, .* at least 2000"):
-        changed("replay.ratio_tolerance", 1_999, config).check()
+        check_config(changed("replay.ratio_tolerance", 1_999, config))
 
 
 @pytest.mark.parametrize("env", ["ale", "robot"])
@@ -122,10 +123,10 @@ def test_the_tolerance_holds_the_steps_of_one_update() -> None:
 )
 def test_hands_are_modelled_once(env: str, field: str, value: Any) -> None:
     modelled = changed("play.robot", "a/hand.npz#sha256=0", changed("env", env))
-    modelled.check()
-    changed(field, value).check()
+    check_config(modelled)
+    check_config(changed(field, value))
     with pytest.raises(InputError, match=r"^play.robot is a/hand.npz, which models .*: leave"):
-        changed(field, value, modelled).check()
+        check_config(changed(field, value, modelled))
 
 
 @pytest.mark.parametrize(
@@ -146,12 +147,12 @@ def test_the_emulator_alone_refuses_what_it_has_not(
         settings = getattr(RunConfig(), group)
         return RunConfig(env=env, **{group: replace(settings, **{name: value})})
 
-    config("robot").check()
+    check_config(config("robot"))
     with pytest.raises(
         InputError,
         match=f"^{group}.{name} is {value}, which means nothing in --env ale: leave it at {usual}",
     ):
-        config("ale").check()
+        check_config(config("ale"))
 
 
 @pytest.mark.parametrize(
@@ -165,4 +166,4 @@ def test_an_environment_may_refuse_settings_that_are_no_fractions(
     config = RunConfig(env="other", play=replace(PlayConfig(), **{name: value}))
     told = f"^play.{name} is {value}, .*: leave it at {usual}\\.$"
     with added(ENVIRONMENTS, other), pytest.raises(InputError, match=told):
-        config.check()
+        check_config(config)

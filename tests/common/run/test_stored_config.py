@@ -14,6 +14,7 @@ from common.run.conditions import FRAMES_PER_SECOND, MAX_STARTS, CameraConfig, P
 from common.run.config import MAX_WINDOW, LearningConfig, RunConfig, StreamConfig
 from common.run.presets import PRESETS
 from common.run.ranges import RandomiseConfig
+from common.run.rules import check_config
 from common.run.stored_config import (
     REMOVED,
     RENAMED,
@@ -197,7 +198,7 @@ def test_a_whole_number_does_for_a_float() -> None:
 def test_a_seed_that_no_generator_takes_is_refused(seed: int) -> None:
     # numpy takes no negative one, PyTorch none of more than 64 bits.
     with pytest.raises(InputError, match=f"^seed is {seed}: "):
-        replace(GOOD, seed=seed).check()
+        check_config(replace(GOOD, seed=seed))
 
 
 def test_differences_name_each_field_and_both_values() -> None:

@@ -14,6 +14,7 @@ from common.actions import KEYS_OF_ACTION
 from common.errors import InputError
 from common.run.conditions import CameraConfig, PlayConfig
 from common.run.presets import PRESETS
+from common.run.rules import check_config
 from tests.actors.robots.latency_model.models import delay, drawn, plain, saved
 
 
@@ -71,7 +72,7 @@ def test_robot_and_emulator_alone_are_pressed_by_the_same_keys(
 def test_it_is_made_by_its_files_name(tmp_path: Path) -> None:
     robot = replace(PRESETS["robot"].play, robot=saved(tmp_path / "m.npz", delay(0)))
     config = replace(PRESETS["robot"], play=robot).pinned()
-    config.check()
+    check_config(config)
     assert config.play.robot.startswith(f"{tmp_path / 'm.npz'}#sha256=")
     env = make_env(config, training=False)
     assert isinstance(env, RobotEnv)

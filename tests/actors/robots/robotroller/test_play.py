@@ -15,6 +15,7 @@ from actors.robots.robotroller.robot import Robotroller
 from common.errors import InputError
 from common.registry import ROBOTS
 from common.run.presets import PRESETS
+from common.run.rules import check_config
 from tests.paths import ROOT
 from tests.viewer.commands import command
 
@@ -22,7 +23,7 @@ from tests.viewer.commands import command
 def test_it_plays_by_its_name() -> None:
     play = replace(PRESETS["robot"].play, robot="robotroller", vector=True, random_starts=0)
     config = replace(PRESETS["robot"], play=play)
-    config.check()
+    check_config(config)
     env = make_env(config, training=False)
     assert isinstance(env, RobotEnv)
     assert isinstance(env.robot, Robotroller)
