@@ -3,11 +3,13 @@
 import sys
 import threading
 from contextlib import closing, nullcontext
+from functools import partial
 
 import torch
 
 from common.atomic_file import write_atomically
 from common.checked import MAX_COUNT
+from common.network import QNetwork
 from common.process.allocator import keep_large_blocks
 from common.process.exit_codes import RED
 from common.process.lifeline import on_signals
@@ -20,8 +22,8 @@ from common.transport.endpoint import from_here
 from common.transport.signature import signer
 from learner.algorithm.interface import build_algorithm
 from learner.assembly import build_learner
-from learner.demonstrations import begin_with
-from learner.device import choose_device
+from learner.demonstrations import Demonstrations, begin_with
+from learner.device import Device, choose_device
 from learner.endpoints import open_pages, open_replay
 from learner.first_network import first_network
 from learner.local_launcher import launch
@@ -56,16 +58,7 @@ def train(options: LearnerOptions, again: bool) -> int:
     torch.set_num_threads(options.threads or free_cores(options))
     stop = threading.Event()
     on_signals(stop)
-
-    def begin() -> None:
-        if not options.resume:  # a start that failed may have left them
-            folder.initial.unlink(missing_ok=True)
-            folder.demonstrations.unlink(missing_ok=True)
-        if options.initial is not None:
-            write_atomically(folder.initial, encode_weights(network, config))
-        if demonstrations is not None:
-            write_atomically(folder.demonstrations, demonstrations.begun.encode())
-
+    begin = partial(_write_beginning, options, folder, network, demonstrations)
     folder.claim("learner", config, resume=options.resume, begin=begin)
     with (
         folder.removed_if_unused(),
@@ -98,16 +91,40 @@ def train(options: LearnerOptions, again: bool) -> int:
         learner.start()
         local = closing(launch(options, from_here(endpoint), folder)) if options.local else None
         with local or nullcontext() as children:
-            join = join_command(options)
             disk = replay.progress(MAX_COUNT).file_bytes
-            display.line(
-                f"run {folder.name} in {folder.path}: {config.played}, preset {config.preset}, "
-                f"{config.learning.algorithm}, on {device.name}; its replay takes "
-                f"{disk / 1e9:.2f} GB of disk; actors find it at {endpoint}"
-                f"{f' ({join})' if join else ''}."
-            )
+            display.line(_first_words(options, folder, device, disk, endpoint))
             learner.run(children)
     return _last_words(learner, folder)
+
+
+def _write_beginning(
+    options: LearnerOptions,
+    folder: RunFolder,
+    network: QNetwork,
+    demonstrations: Demonstrations | None,
+) -> None:
+    """Writes the weights and the recording with which the run begins, if they were given."""
+    if not options.resume:  # a start that failed may have left them
+        folder.initial.unlink(missing_ok=True)
+        folder.demonstrations.unlink(missing_ok=True)
+    if options.initial is not None:
+        write_atomically(folder.initial, encode_weights(network, options.config))
+    if demonstrations is not None:
+        write_atomically(folder.demonstrations, demonstrations.begun.encode())
+
+
+def _first_words(
+    options: LearnerOptions, folder: RunFolder, device: Device, disk: int, endpoint: str
+) -> str:
+    """Returns the sentence that says what is trained and where, with the ``disk`` bytes that its
+    replay takes."""
+    config, join = options.config, join_command(options)
+    return (
+        f"run {folder.name} in {folder.path}: {config.played}, preset {config.preset}, "
+        f"{config.learning.algorithm}, on {device.name}; its replay takes "
+        f"{disk / 1e9:.2f} GB of disk; actors find it at {endpoint}"
+        f"{f' ({join})' if join else ''}."
+    )
 
 
 def _last_words(learner: Learner, folder: RunFolder) -> int:

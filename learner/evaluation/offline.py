@@ -61,6 +61,34 @@ def evaluate(
     assert options.evaluate is not None
     check_fit(options.evaluate, trained, config)
     load_weights_file(build_network(config, config.action_count), options.evaluate, "this game")
+    rows = _rows(options, config, trained, clock, stop, console)
+    if rows is None:
+        return None
+    content: dict[str, Any] = {
+        "weights": name_of(options.evaluate),
+        "seed": config.seed,
+        "flags": clock.flags(),
+        **({"rows": rows} if options.headline else rows[0]),
+        **made_by,
+    }
+    console.print(table(content))
+    content = strict(content)
+    if options.json is not None:
+        write_json(options.json, content)
+        console.print(f"wrote {options.json}", markup=False, soft_wrap=True)
+    return content
+
+
+def _rows(
+    options: EvaluationOptions,
+    config: RunConfig,
+    trained: RunConfig | None,
+    clock: ClockConfig,
+    stop: threading.Event,
+    console: Console,
+) -> list[dict[str, Any]] | None:
+    """Plays the games of each measure; returns a row for each, None if ``stop`` was set before all
+    had been played."""
     measures = options.measures(config, trained)
     rows, played = [], 0
     total = options.games * len(measures)
@@ -87,19 +115,7 @@ def evaluate(
     if len(rows) < len(measures):  # told once the bar has gone: the console would write behind it
         console.print(f"stopped after {played} games")
         return None
-    content: dict[str, Any] = {
-        "weights": name_of(options.evaluate),
-        "seed": config.seed,
-        "flags": clock.flags(),
-        **({"rows": rows} if options.headline else rows[0]),
-        **made_by,
-    }
-    console.print(table(content))
-    content = strict(content)
-    if options.json is not None:
-        write_json(options.json, content)
-        console.print(f"wrote {options.json}", markup=False, soft_wrap=True)
-    return content
+    return rows
 
 
 def _unusual(settings: RunConfig) -> list[str]:

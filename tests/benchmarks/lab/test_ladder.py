@@ -1,7 +1,6 @@
 """The ladder: each rung is a configuration of the program, and a run becomes a row."""
 
 import csv
-import sys
 from pathlib import Path
 from typing import Any
 from unittest.mock import Mock
