@@ -131,7 +131,7 @@ def rate_limits() -> list[dict[str, Any]]:
     ]
 
 
-def access_control(actors: Sequence[str] | None = None, runs: Sequence[str] = ()) -> dict[str, Any]:
+def access_control(actors: Sequence[str] | None, runs: Sequence[str]) -> dict[str, Any]:
     """Returns Zenoh's setting ``access_control`` for a hub.
 
     Args:

@@ -53,7 +53,7 @@ def allowed_actors(folder: Path, *, listed: bool = False) -> list[str] | None:
     return names
 
 
-def allowed_runs(folder: Path, own: str | None = None) -> list[str]:
+def allowed_runs(folder: Path, own: str | None) -> list[str]:
     """Returns the runs whose replays a hub with this folder admits, each by its own certificate.
 
     Raises InputError if the list cannot be read, holds what cannot be a name, or holds the hub's
