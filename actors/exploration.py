@@ -10,14 +10,11 @@ from numpy.typing import NDArray
 
 from common.run.config import ExplorationConfig
 
-LEAST, MOST = 4, 12
-"""Agent steps that a random action lasts with ``ez_greedy``: 3 + Zipf(2), cut at `MOST`."""
 GREEDY = -1
-
-
-_DURATIONS = np.arange(LEAST, MOST + 1)
-DURATION_LAW = 6 / np.pi**2 / np.arange(1, MOST - LEAST + 2, dtype=np.float64) ** 2
-"""Probability of each duration from `LEAST` to `MOST`; Zipf(2) is 6/π² / k²."""
+_DURATIONS = np.arange(4, 13)
+"""Agent steps that a random action lasts with ``ez_greedy``: 3 + Zipf(2), at most 12."""
+DURATION_LAW = 6 / np.pi**2 / (_DURATIONS - 3.0) ** 2
+"""Probability of each duration; Zipf(2) is 6/π² / k², and the last one has what is left."""
 DURATION_LAW[-1] += 1 - DURATION_LAW.sum()
 MEAN_DURATION = float(DURATION_LAW @ _DURATIONS)
 
