@@ -1,4 +1,4 @@
-"""The optimizers of the presets, and the bound on their gradients."""
+"""The optimizers, and the bound on their gradients."""
 
 from collections.abc import Iterable, Mapping, Sequence
 
