@@ -380,7 +380,7 @@ def test_a_restart_takes_what_the_run_has_kept_of_the_network_it_was_given(tmp_p
     ("flag", "value", "package", "extra"),
     [
         ("--demonstrations", "recording", "pyarrow", "record"),
-        ("--http", "127.0.0.1:0", "uvicorn", "ops"),
+        ("--http", "127.0.0.1:9100", "uvicorn", "ops"),
         ("--web", "127.0.0.1:0", "starlette", "web"),
         ("--track", "wandb", "wandb", "wandb"),
         ("--track", "mlflow", "mlflow", "mlflow"),

@@ -357,9 +357,11 @@ def test_only_who_means_it_is_answered(place: Place) -> None:
 def test_an_address_that_cannot_be_used_is_told(place: Place) -> None:
     assert web_address("[::1]:0") == ("::1", 0)
     assert web_address("0.0.0.0:8080") == ("0.0.0.0", 8080)
-    for wrong in ("8080", "127.0.0.1", "127.0.0.1:65536", "http://127.0.0.1:80", ":80"):
+    for wrong in ("8080", "127.0.0.1", "http://127.0.0.1:80", ":80"):
         with pytest.raises(InputError, match="not an address for --web: write it"):
             web_address(wrong)
+    with pytest.raises(InputError, match=r"65536 has no valid port: choose one from 0 to 65535"):
+        web_address("127.0.0.1:65536")
     run = RunFolder(place.folder, "r")
     with pytest.raises(InputError, match=r"Address already in use.*choose another"):
         PageSink("127.0.0.1", place.port, PRESETS["robot"], run)
