@@ -147,8 +147,10 @@ class Muon(torch.optim.Optimizer):
         finite = self.found_inf == 0
         for group in self.param_groups:
             for weight in group["params"]:
-                gradient = weight.grad
-                momentum = self.state[weight].setdefault("momentum", torch.zeros_like(weight))
+                state, gradient = self.state[weight], weight.grad
+                if not state:
+                    state["momentum"] = torch.zeros_like(weight)
+                momentum = state["momentum"]
                 new = _MOMENTUM * momentum + gradient
                 matrix = (gradient + _MOMENTUM * new).flatten(1)
                 step = orthogonal(matrix) * (0.2 * max(matrix.shape) ** 0.5 * group["lr"])
@@ -163,12 +165,13 @@ def orthogonal(matrix: Tensor) -> Tensor:
     Five iterations of Newton and Schulz with the coefficients of Jordan et al. 2024 bring values of
     0.01 to 1 times the Frobenius norm to between 0.68 and 1.14; smaller ones grow 480-fold at most.
     """
-    wide: Tensor = matrix if matrix.shape[0] <= matrix.shape[1] else matrix.T
-    wide = wide / (wide.norm() + 1e-12)  # a gradient may be 0
+    if matrix.shape[0] > matrix.shape[1]:
+        return orthogonal(matrix.T).T
+    found: Tensor = matrix / (matrix.norm() + 1e-12)  # a gradient may be 0
     for _ in range(5):
-        square = wide @ wide.T
-        wide = 3.4445 * wide + (-4.7750 * square + 2.0315 * square @ square) @ wide
-    return wide if matrix.shape[0] <= matrix.shape[1] else wide.T
+        square = found @ found.T
+        found = 3.4445 * found + (-4.7750 * square + 2.0315 * square @ square) @ found
+    return found
 
 
 def clip_gradients(parameters: Sequence[nn.Parameter], longest: float) -> None:

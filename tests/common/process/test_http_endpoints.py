@@ -205,6 +205,12 @@ def test_what_is_no_address_is_told(address: str) -> None:
         check_address(address)
 
 
+@pytest.mark.parametrize("address", ["127.0.0.1:0", "a:99999"])
+def test_what_is_no_port_is_told(address: str) -> None:
+    with pytest.raises(InputError, match=f"^{address} has no valid port: choose one from 1 to"):
+        check_address(address)
+
+
 def test_an_address_that_is_taken_is_told(address: str) -> None:
     with (
         pytest.raises(InputError, match=r"cannot serve at .*choose another address with --http"),

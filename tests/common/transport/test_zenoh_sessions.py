@@ -48,6 +48,13 @@ def test_what_is_no_address_is_told_with_an_example(endpoint: str) -> None:
             use(endpoint)
 
 
+@pytest.mark.parametrize("endpoint", ["tcp/127.0.0.1:0", "tcp/127.0.0.1:65536"])
+def test_neither_hub_nor_client_takes_what_is_no_port(endpoint: str) -> None:
+    for use in (open_hub, lambda endpoint: connect(endpoint, 1e9)):
+        with pytest.raises(InputError, match="has no valid port: choose one from 1 to 65535"):
+            use(endpoint)
+
+
 def ip_sockets() -> dict[str, tuple[socket.SocketKind, Any, int]]:
     """Kind of this process' IP sockets; of those that listen also address and timeout."""
     found: dict[str, tuple[socket.SocketKind, Any, int]] = {}
