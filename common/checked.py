@@ -43,7 +43,9 @@ Patience = Annotated[float, Ge(0), AllowInfNan(True)]
 """Seconds; inf to wait for ever."""
 LongText = Annotated[str, StringConstraints(max_length=MAX_LONG_TEXT)]
 """A text that may be longer than others."""
-NAME = r"^[A-Za-z0-9][A-Za-z0-9._-]{0,63}$"
+MAX_NAME = 64
+"""Longest name of a run or a process, letters."""
+NAME = rf"^[A-Za-z0-9][A-Za-z0-9._-]{{0,{MAX_NAME - 1}}}$"
 Name = Annotated[str, StringConstraints(pattern=NAME)]
 """Name of a run or a process; it becomes part of key expressions and paths."""
 Score = Annotated[float, Ge(-MAX_SIZE), Le(MAX_SIZE)]

@@ -23,7 +23,7 @@ from benchmarks.lab.policy import TrainingOptions, evaluate, headline, train
 from benchmarks.peer_dqn import Point, peer_curve
 from benchmarks.peers import is_installed
 from benchmarks.report import Report, Table, counted, main, measure_missing, resumed, scored, write
-from common.checked import FromOne
+from common.checked import MAX_NAME, FromOne
 from common.errors import InputError
 from common.run.config import PresetName, ProtocolConfig, RunConfig
 from common.run.epochs import EpochTable
@@ -78,8 +78,9 @@ class Options(TrainingOptions):
 
     def folder(self, seed: int) -> RunFolder:
         alike = hashlib.sha256(repr([getattr(self, name) for name in _SAME]).encode())
-        parts = ("race", self.env, self.game, self.label, alike.hexdigest()[:8], f"seed-{seed}")
-        return RunFolder(self.runs, re.sub(r"[^a-z0-9]+", "-", " ".join(parts).lower()))
+        told = re.sub(r"[^a-z0-9]+", "-", f"race {self.env} {self.game} {self.label}".lower())
+        unique = f"-{alike.hexdigest()[:8]}-seed-{seed}"
+        return RunFolder(self.runs, told.strip("-")[: MAX_NAME - len(unique)] + unique)
 
 
 def measure(options: Options) -> Report:

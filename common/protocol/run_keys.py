@@ -3,7 +3,7 @@
 import re
 from dataclasses import dataclass
 
-from common.checked import NAME
+from common.checked import MAX_NAME, NAME
 from common.errors import InputError
 
 NAMESPACE = "ale-robot"
@@ -16,8 +16,8 @@ def check_name(kind: str, name: str) -> str:
     not; ``kind`` says what it names."""
     if not re.fullmatch(NAME, name):
         raise InputError(
-            f"{kind} {name!r} cannot be used: give it a name of up to 64 letters, digits, '.', "
-            "'_' or '-', a letter or digit first."
+            f"{kind} {name!r} cannot be used: give it a name of up to {MAX_NAME} letters, digits, "
+            "'.', '_' or '-', a letter or digit first."
         )
     return name
 

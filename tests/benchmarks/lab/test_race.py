@@ -20,6 +20,7 @@ from benchmarks.lab import policy, race
 from benchmarks.lab.policy import summary_of_all
 from benchmarks.peer_dqn import Point
 from benchmarks.report import run
+from common.checked import MAX_NAME
 from common.errors import InputError
 from common.process.command_line import parse_run
 from common.registry import ENVIRONMENTS
@@ -111,6 +112,15 @@ def raced(folder: Path, *flags: str) -> dict[str, Any]:
     run("lab.race", race.Options, race.measure, arguments)
     content: dict[str, Any] = json.loads(file.read_bytes())
     return content
+
+
+def test_a_long_label_is_cut_in_the_name_of_a_run(lab: Lab, tmp_path: Path) -> None:
+    label = "differences, and a rate that falls within the first 190,000 steps"
+    content = raced(tmp_path, "--seeds", "1", "--seed", "4294967295", "--label", label)
+    [name] = lab.trained
+    assert re.fullmatch(r"race-ale-pong-differences-and-a-rate-th-[0-9a-f]{8}-seed-4294967295", name)
+    assert len(name) == MAX_NAME
+    assert content["title"] == f"{label} (ale)"
 
 
 def test_a_race_tells_when_each_score_was_first_reached(
