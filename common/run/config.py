@@ -86,9 +86,8 @@ class LearningConfig:
     loss_mean_over: Literal["batch", "outputs"] = "batch"
     """Divisor of dqn's loss: the batch size, or ('outputs') batch size × actions, as Keras did in
     2017."""
-    optimizer: Literal["adam", "rmsprop", "muon"] = "adam"
-    """Optimizer: Adam; RMSprop as Keras and PyTorch define it; or Muon (Jordan et al. 2024) for the
-    weights of convolutions, and Adam for all others."""
+    optimizer: Literal["adam", "rmsprop"] = "adam"
+    """Optimizer: Adam, or RMSprop as Keras and PyTorch define it."""
     learning_rate: Amount = 1e-4
     """Initial learning rate of the optimizer."""
     annealing_steps: Count = 0
@@ -99,7 +98,7 @@ class LearningConfig:
     rmsprop_decay: Annotated[float, Ge(0), Lt(1)] = 0.95
     """ρ of RMSprop."""
     optimizer_epsilon: Annotated[float, Ge(1e-12)] = 1.5e-4
-    """ε in the denominator of Adam and RMSprop."""
+    """ε in the optimizer's denominator."""
     gradient_norm: Amount = 10.0
     """Maximum norm of the gradient; 0 for no limit."""
     weights_average: Annotated[float, Ge(0), Lt(1)] = 0.0

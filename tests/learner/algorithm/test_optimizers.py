@@ -6,20 +6,14 @@ import pytest
 import torch
 
 from common.run.config import LearningConfig
-from learner.algorithm.optimizers import (
-    BoundedOptimizer,
-    Muon,
-    build_optimizers,
-    clip_gradients,
-    orthogonal,
-)
+from learner.algorithm.optimizers import BoundedOptimizer, build_optimizer, clip_gradients
 
 GRADIENTS = [0.3, -1.2, 0.05, 2.0, 0.0, -0.7]
 
 
 def _steps(config: LearningConfig) -> list[float]:
     weight = torch.nn.Parameter(torch.tensor([0.5]))
-    (optimizer,) = build_optimizers([weight], config)
+    optimizer = build_optimizer([weight], config)
     found = []
     for gradient in GRADIENTS:
         weight.grad = torch.tensor([gradient])
@@ -48,7 +42,7 @@ def test_rmsprop_is_the_one_of_pytorch() -> None:
     ours = torch.nn.Parameter(torch.randn(20, 30, generator=generator))
     theirs = torch.nn.Parameter(ours.detach().clone())
     optimizers = (
-        *build_optimizers([ours], config),
+        build_optimizer([ours], config),
         torch.optim.RMSprop([theirs], lr=2.5e-4, alpha=0.95, eps=0.01),
     )
     for _ in range(150):
@@ -97,75 +91,3 @@ def test_what_is_restored_lies_in_memory_as_its_weights_do() -> None:
     for name, value in other.state().items():
         assert torch.equal(value, saved[name])
         assert value.ndim == 0 or value.stride() == weight.stride()
-
-
-def _decomposed(height: int, width: int) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-    """Singular vectors and values of a matrix, ``U``, ``s`` from 1 to 0.03, and ``Vᵀ``."""
-    generator = torch.Generator().manual_seed(height)
-    shortest = min(height, width)
-    left = torch.linalg.qr(torch.randn(height, shortest, generator=generator)).Q
-    right = torch.linalg.qr(torch.randn(width, shortest, generator=generator)).Q
-    return left, torch.logspace(0, -1.5, shortest), right.T
-
-
-@pytest.mark.parametrize("shape", [(8, 20), (20, 8), (1, 5)])
-def test_an_orthogonal_matrix_has_the_same_singular_vectors(shape: tuple[int, int]) -> None:
-    left, values, right = _decomposed(*shape)
-    found = left.T @ orthogonal(left @ values.diag() @ right * 1e-5) @ right.T
-    assert ((found.diag() > 0.68) & (found.diag() < 1.14)).all()
-    assert (found - found.diag().diag()).abs().max() < 1e-4
-
-
-def test_nothing_is_orthogonal_to_nothing() -> None:
-    assert torch.equal(orthogonal(torch.zeros(3, 5)), torch.zeros(3, 5))
-
-
-def test_muon_is_the_one_of_pytorch() -> None:
-    """Which knows matrices alone, and computes in bfloat16."""
-    generator = torch.Generator().manual_seed(1)
-    ours = torch.nn.Parameter(torch.randn(12, 4, 3, 3, generator=generator))
-    begun = ours.detach().clone()
-    theirs = torch.nn.Parameter(begun.flatten(1).clone())
-    reference = torch.optim.Muon(
-        [theirs], lr=0.01, weight_decay=0.0, adjust_lr_fn="match_rms_adamw"
-    )
-    muon = Muon([ours], lr=0.01)
-    muon.found_inf = torch.tensor(0.0)
-    for _ in range(20):
-        ours.grad = torch.randn(ours.shape, generator=generator)
-        theirs.grad = ours.grad.flatten(1).clone()
-        muon.step()
-        reference.step()  # type: ignore[no-untyped-call]
-    moved = (ours - begun).norm()
-    assert (ours.flatten(1) - theirs).norm() < 0.02 * moved
-    assert moved / ours.numel() ** 0.5 > 0.01
-
-
-def test_muon_moves_convolutions_and_adam_the_rest() -> None:
-    generator = torch.Generator().manual_seed(2)
-    shapes = (3, 2, 2, 2), (3,), (4, 12), (4,)
-    ours = [torch.nn.Parameter(torch.randn(shape, generator=generator)) for shape in shapes]
-    theirs = [torch.nn.Parameter(weight.detach().clone()) for weight in ours]
-    learning = LearningConfig(
-        optimizer="muon",
-        learning_rate=0.02,
-        annealing_steps=1,
-        final_learning_rate=0.0,
-        gradient_norm=0.0,
-    )
-    muon, adam = Muon(theirs[:1], lr=0.02), torch.optim.Adam(theirs[1:], 0.02, eps=1.5e-4)
-    muon.found_inf = torch.tensor(0.0)
-    bounded = BoundedOptimizer(ours, learning)
-    for _ in range(3):
-        for our, their in zip(ours, theirs, strict=True):
-            our.grad = torch.randn(our.shape, generator=generator)
-            their.grad = our.grad.clone()
-        bounded.step(torch.tensor(1.0))
-        muon.step()
-        adam.step()
-    for our, their in zip(ours, theirs, strict=True):
-        torch.testing.assert_close(our, their)
-    before = [weight.detach().clone() for weight in ours]
-    bounded.set_rate(1)  # both follow the schedule
-    bounded.step(torch.tensor(1.0))
-    assert all(torch.equal(weight, old) for weight, old in zip(ours, before, strict=True))

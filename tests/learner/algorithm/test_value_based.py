@@ -81,9 +81,9 @@ def test_what_an_update_tells_keeps_no_gradient() -> None:
     assert not any(each.requires_grad for each in told)
 
 
-@pytest.mark.parametrize("optimizer", ["adam", "rmsprop", "muon"])
+@pytest.mark.parametrize("optimizer", ["adam", "rmsprop"])
 def test_the_learning_rate_falls_and_goes_on_falling_after_a_resume(
-    optimizer: Literal["adam", "rmsprop", "muon"],
+    optimizer: Literal["adam", "rmsprop"],
 ) -> None:
     config = LearningConfig(
         optimizer=optimizer,
@@ -245,10 +245,10 @@ def test_max_q_is_each_states_highest_value() -> None:
 
 
 @pytest.mark.parametrize("device", [CPU, CPU_BFLOAT16])
-@pytest.mark.parametrize("optimizer", ["adam", "rmsprop", "muon"])
+@pytest.mark.parametrize("optimizer", ["adam", "rmsprop"])
 @pytest.mark.parametrize("reward", [float("nan"), float("inf")])
 def test_a_minibatch_that_is_not_finite_changes_no_weight(
-    device: Device, optimizer: Literal["adam", "rmsprop", "muon"], reward: float
+    device: Device, optimizer: Literal["adam", "rmsprop"], reward: float
 ) -> None:
     """Neither does it stay in the optimizer's means, by which every later step would go.
 
