@@ -104,20 +104,28 @@ class QNetwork(nn.Module):
             dtype: type of the result; even bfloat16 represents its values, -255 to 255, exactly.
         """
         pixels = torch.empty_like(frames, dtype=dtype, memory_format=torch.channels_last)
+        pairs = zip(pixels.unbind(1), frames.unbind(1), strict=True)
         # One frame at a time: PyTorch's conversion of all with a change of layout takes twice as
-        # long (benchmarks/LOG.md).
-        for converted, original in zip(pixels.unbind(1), frames.unbind(1), strict=True):
-            converted.copy_(original)
-        whole = pixels  # the frames that are not differences
+        # long, and differences within the new layout four times (benchmarks/LOG.md).
         if self._frame_differences:
-            # In place and newest first, or each would be a difference of differences.
-            for frame in reversed(range(1, pixels.shape[1])):
-                pixels[:, frame] -= pixels[:, frame - 1]
-            whole, frames = pixels[:, :1], frames[:, :1]
-        if self._center_pixels:  # with differences, only the oldest frame is centred, by its mean
-            mean = frames.flatten(1).float().mean(dim=1).round()
-            whole -= mean.to(dtype).view(-1, 1, 1, 1)
+            before = self._grey(frames[:, :1], dtype)  # the oldest frame's is its mean
+            for converted, original in pairs:
+                frame = original.to(dtype)
+                converted.copy_(frame - before)
+                before = frame
+        else:
+            for converted, original in pairs:
+                converted.copy_(original)
+            if self._center_pixels:
+                pixels -= self._grey(frames, dtype).unsqueeze(1)
         return pixels
+
+    def _grey(self, frames: Tensor, dtype: torch.dtype) -> Tensor:
+        """Returns what is subtracted from the pixels of each state, ``[batch, 1, 1]``: the mean
+        over its ``frames``, or 0 if pixels are not centred."""
+        if not self._center_pixels:
+            return torch.zeros(len(frames), 1, 1, dtype=dtype, device=frames.device)
+        return frames.flatten(1).float().mean(dim=1).round().to(dtype).view(-1, 1, 1)
 
     def forward(self, frames: Tensor, vectors: Tensor) -> Tensor:
         """Returns Q-values, ``float32 [batch, actions]``.
