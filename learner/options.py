@@ -23,6 +23,7 @@ from common.process.log_lines import LOADING
 from common.registry import ALGORITHMS
 from common.run.clock import ClockConfig
 from common.run.config import MAX_ENVS, RunConfig
+from common.run.fit import shaped_like
 from common.run.folder import Part, RunFolder
 from common.run.origin import origin_of
 from common.run.presets import PRESETS
@@ -48,8 +49,9 @@ class LearnerOptions(RunOptions):
     run: str | None = None
     """Name of the run; by default made of environment, game and preset."""
     initial: WeightsFile | None = None
-    """Network to begin with, such as ale_pong or a FILE, instead of a fresh one;
-    --exploration.start then sets how much of its play is random at first."""
+    """Network to begin with, such as ale_pong or a FILE, instead of a fresh one. The run then has
+    its layers, whatever the preset; --exploration.start sets how much of its play is random at
+    first."""
     demonstrations: Annotated[Path | None, tyro.conf.arg(metavar="FOLDER")] = None
     """Recorded games, from `ale-robot record` or `human --record`, with which the replay begins.
     They count as steps of the run."""
@@ -104,6 +106,12 @@ class LearnerOptions(RunOptions):
     evaluation: tyro.conf.OmitArgPrefixes[EvaluationOptions] = field(
         default_factory=EvaluationOptions
     )
+
+    def defaults(self, preset: RunConfig) -> RunConfig:
+        """Returns the defaults of a new run's settings: those of its ``preset``, with the layers of
+        the --initial network. Raises InputError if that network's settings cannot be read."""
+        trained = None if self.initial is None else origin_of(self.initial)
+        return preset if trained is None else shaped_like(trained, preset)
 
     def check(self) -> None:
         """Refuses flags that do not go together.

@@ -89,6 +89,10 @@ class RunOptions:
     """Address that serves /healthz, /readyz and /metrics, such as 127.0.0.1:9108; see
     docs/operations.md."""
 
+    def defaults(self, preset: RunConfig) -> RunConfig:
+        """Returns the defaults of a new run's settings: those of its ``preset``."""
+        return preset
+
 
 R = TypeVar("R", bound=RunOptions)
 
@@ -99,7 +103,8 @@ def parse_run(
     arguments: Sequence[str],
     stored: Callable[[R], RunConfig | None],
 ) -> tuple[R, RunConfig | None]:
-    """Parses as `parse` does, with the defaults of a preset or of a stored run.
+    """Parses as `parse` does, with the defaults of a stored run, or else those that the options
+    have for their preset.
 
     `ALL_RANGES` sets the default of every range. Raises InputError for an unknown preset, or for
     settings that cannot work.
@@ -115,14 +120,16 @@ def parse_run(
     flags = [argument for argument in arguments if argument != ALL_RANGES]
     preset = preset_of(flags)
     options = parse(kind, program, flags, own_help(flags), config=preset)
-    if (found := stored(options)) is not None:
-        flags = going_on_from(flat(found), flags)
-        options = parse(kind, program, flags, config=found)
+    found = stored(options)
+    defaults = found or options.defaults(preset)
+    if defaults != preset:
+        flags = going_on_from(flat(defaults), flags)
+        options = parse(kind, program, flags, config=defaults)
     if ALL_RANGES in arguments:
-        drawn = dataclasses.replace(found or preset, randomise=all_ranges(options.config.env))
+        drawn = dataclasses.replace(defaults, randomise=all_ranges(options.config.env))
         options = parse(kind, program, flags, config=drawn)
     check_config(options.config)
-    check_robot(found or preset, options.config)
+    check_robot(defaults, options.config)
     config = options.config.pinned()
     if config != found:  # a stored run goes on, even if a new version of a package declares more
         config = config.in_full()

@@ -2,6 +2,7 @@
 
 import shlex
 from collections.abc import Callable
+from dataclasses import replace
 from operator import attrgetter
 from pathlib import Path
 from typing import Any
@@ -51,6 +52,15 @@ _SHAPING: tuple[tuple[str, Callable[[RunConfig], Any], tuple[str, ...]], ...] = 
 for people, a function that measures it, and the settings that it follows from."""
 SHAPING_SETTINGS = frozenset(name for _, _, settings in _SHAPING for name in settings)
 """Settings that must be those of a network's training for its weights to fit."""
+
+
+def shaped_like(trained: RunConfig, config: RunConfig) -> RunConfig:
+    """Returns ``config`` with the outputs per action, the layers and the form of the pixels of a
+    network's training. What is played stays: the game, its actions and the observation."""
+    group = "learning."
+    names = [name.removeprefix(group) for name in SHAPING_SETTINGS if name.startswith(group)]
+    found = {name: getattr(trained.learning, name) for name in names}
+    return replace(config, learning=replace(config.learning, **found))
 
 
 def _pixels_are(learning: LearningConfig) -> str:

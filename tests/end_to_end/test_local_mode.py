@@ -65,10 +65,7 @@ def test_a_run_is_trained_and_tested_under_its_sticky_actions(stage: Stage) -> N
 
 
 def test_a_run_that_begins_with_a_given_network_plays_by_it_at_once(stage: Stage) -> None:
-    policy = (
-        *("--initial", str(POLICIES / "ale_pong.safetensors"), "--env", "ale"),
-        "--learning.no-center-pixels",  # as it was trained
-    )
+    policy = ("--initial", str(POLICIES / "ale_pong.safetensors"), "--env", "ale")
     skilled = ("--exploration.start=0", "--exploration.end=0")
     # A sixth of a game.
     short = ("--play.max-game-frames=1600", "--replay.learning-starts=450")
@@ -99,8 +96,7 @@ def test_a_given_network_that_does_not_fit_is_told_and_nothing_begun(stage: Stag
     policy = str(POLICIES / "robot_pong.safetensors")
     output = stage.learner("--env", "robot", "--initial", policy).ends(status=2)
     assert "robot_pong.safetensors, which plays pong" in output
-    assert "here it would have 0 numbers of proprioception, " in output
-    assert "add --play.vector --learning.no-center-pixels." in output
+    assert "here it would have 0 numbers of proprioception: add --play.vector." in output
     assert not stage.run.exists()
 
 

@@ -34,6 +34,11 @@ def kept(trained: RunConfig, folder: Path) -> tuple[QNetwork, Path]:
     return network, file
 
 
+def begun_with(file: Path, *flags: str) -> LearnerOptions:
+    given = ["--env", "robot", "--initial", str(file), *flags]
+    return parse_run(LearnerOptions, "learner", given, lambda _: None)[0]
+
+
 def values(network: QNetwork, told: int) -> np.ndarray:
     """Returns Q-values of four random states, with a vector of which ``told`` numbers are not 0."""
     random = torch.Generator().manual_seed(3)
@@ -115,3 +120,37 @@ def test_what_it_cannot_do_without_is_told(
     _, file = kept(config(before), tmp_path)
     with pytest.raises(InputError, match=advice):
         read_network(file, config(now))
+
+
+OTHER_LAYERS = (
+    *("--learning.algorithm", "qr_dqn", "--learning.quantiles", "9"),
+    *("--learning.network", "nips", "--learning.layer-norm"),
+    *("--learning.no-scale-pixels", "--learning.no-center-pixels"),
+)
+
+
+@pytest.mark.parametrize("other", [OTHER_LAYERS, ("--learning.algorithm", "dqn")])
+@pytest.mark.parametrize("differences", ["", "no-"])
+def test_a_run_has_the_layers_of_the_network_that_it_begins_with_and_else_its_preset(
+    other: tuple[str, ...], differences: str, tmp_path: Path
+) -> None:
+    layers = (*other, f"--learning.{differences}frame-differences")
+    network, file = kept(config((*layers, "--learning.n-step", "7", "--seed", "5")), tmp_path)
+    options = begun_with(file, "--seed", "6")
+    assert options.config == config((*layers, "--seed", "6"))
+    options.check()
+    found = read_network(file, options.config)
+    for name, values in network.state_dict().items():
+        assert torch.equal(found.state_dict()[name], values)
+
+
+def test_a_flag_for_other_layers_than_those_it_begins_with_is_refused(tmp_path: Path) -> None:
+    _, file = kept(config(OTHER_LAYERS), tmp_path)
+    asked = begun_with(file, "--learning.quantiles", "8").config
+    with pytest.raises(InputError, match=r"9 outputs.*8 outputs.*add --learning.quantiles 9\."):
+        read_network(file, asked)
+
+
+def test_what_is_played_is_not_the_networks_choice(tmp_path: Path) -> None:
+    _, file = kept(config(("--game", "breakout", *VECTOR)), tmp_path)
+    assert begun_with(file).config == config(())

@@ -366,7 +366,7 @@ def test_a_run_that_ended_before_its_first_checkpoint_has_the_network_it_was_giv
 
 def test_a_restart_takes_what_the_run_has_kept_of_the_network_it_was_given(tmp_path: Path) -> None:
     given = tmp_path / "given.safetensors"
-    given.touch()
+    given.write_bytes(save({}))
     options = learner("--runs", str(tmp_path), "--run", "r", "--initial", str(given))
     folder = RunFolder(tmp_path, "r")
     assert going_on(options) == options
@@ -408,20 +408,24 @@ def test_a_run_that_has_its_demonstrations_goes_on_without_their_package(
 
 
 @pytest.mark.parametrize(
-    ("trained", "advice"),
+    ("trained", "flags", "advice"),
     [
-        (QR, "add --learning.algorithm qr_dqn"),
-        (("--play.vector",), "add --play.vector"),
-        (("--learning.no-center-pixels",), "add --learning.no-center-pixels"),
+        (QR, ("--learning.algorithm", "dqn"), "add --learning.algorithm qr_dqn"),
+        (("--play.vector",), (), "add --play.vector"),
+        (
+            ("--learning.no-center-pixels",),
+            ("--learning.center-pixels",),
+            "add --learning.no-center-pixels",
+        ),
     ],
 )
 def test_a_network_that_does_not_fit_says_what_it_is_for(
-    tmp_path: Path, trained: tuple[str, ...], advice: str
+    tmp_path: Path, trained: tuple[str, ...], flags: tuple[str, ...], advice: str
 ) -> None:
     file, here = tmp_path / "p.safetensors", RunFolder(tmp_path, "here")
     made = learner("--env", "ale", *trained)
     file.write_bytes(encode_weights(first_network(made, here), made.config))
-    asked = learner("--env", "ale", "--initial", str(file))
+    asked = learner("--env", "ale", "--initial", str(file), *flags)
     with pytest.raises(InputError, match=rf"{file}, which plays pong .*: {advice}"):
         first_network(asked, here)
 
