@@ -20,9 +20,9 @@ from collections.abc import Sequence
 from itertools import zip_longest
 
 from actors.options import ActorOptions
-from common.errors import exit_on_input_error
 from common.process.command_line import parse
 from common.process.log_lines import say_json
+from common.process.program_end import exit_on_input_error
 
 # PyTorch is imported only where it computes, so that help and wrong flags are answered at once.
 

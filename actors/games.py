@@ -30,10 +30,11 @@ from actors.envs.clock import FRAME
 from actors.game_recorder import GameRecorder
 from actors.loop import play
 from actors.policy import Policy
-from common.errors import InputError, exit_on_input_error
+from common.errors import InputError
 from common.process.command_line import parse
 from common.process.exit_codes import FAILED
 from common.process.lifeline import on_signals
+from common.process.program_end import exit_on_input_error
 from common.run.clock import ClockConfig
 from common.run.config import RunConfig
 from common.run.stored_config import from_mapping

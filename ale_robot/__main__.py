@@ -7,8 +7,9 @@ from itertools import takewhile
 
 from ale_robot import __version__
 from ale_robot.commands import MEANT, POLICY_COMMANDS, PROGRAMS, help_of, overview
-from common.errors import InputError, choice, exit_on_input_error
+from common.errors import InputError, choice
 from common.process.lifeline import leave_at_interrupt
+from common.process.program_end import exit_on_input_error
 
 
 def run() -> int | None:

@@ -16,7 +16,8 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-from common.errors import InputError, exit_on_input_error
+from common.errors import InputError
+from common.process.program_end import exit_on_input_error
 from common.process.supervisor import Child
 
 

@@ -12,9 +12,9 @@ if __name__ == "__main__":
 import sys
 from importlib import import_module
 
-from common.errors import exit_on_input_error
 from common.process.command_line import parse
 from common.process.extras import extra_for
+from common.process.program_end import exit_on_input_error
 from deploy.description import LaunchOptions, describe
 
 

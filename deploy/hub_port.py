@@ -7,7 +7,8 @@ choose a free port first.
 import sys
 from contextlib import suppress
 
-from common.errors import InputError, exit_on_input_error
+from common.errors import InputError
+from common.process.program_end import exit_on_input_error
 from common.transport.endpoint import check_free
 
 PORTS = range(20_000, 30_000)

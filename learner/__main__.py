@@ -17,11 +17,11 @@ import sys
 import threading
 from functools import partial
 
-from common.errors import exit_on_input_error
 from common.process.command_line import parse_run
 from common.process.exit_codes import INTERRUPTED
 from common.process.lifeline import on_signals
 from common.process.log_lines import LOADING, say, say_aside, say_json
+from common.process.program_end import exit_on_input_error
 from common.process.restarts import with_restarts
 from learner import status
 from learner.options import LearnerOptions, opening, stored_config

@@ -20,8 +20,9 @@ from typing import Annotated
 
 import tyro
 
-from common.errors import InputError, exit_on_input_error, writing
+from common.errors import InputError, writing
 from common.process.command_line import parse
+from common.process.program_end import exit_on_input_error
 from common.process.progress import Progress
 from common.run.folder import JOURNAL, RunFolder
 

@@ -20,11 +20,12 @@ import tyro
 
 from common.atomic_file import write_atomically, write_json
 from common.checked import FromOne
-from common.errors import InputError, MessageError, exit_on_input_error
+from common.errors import InputError, MessageError
 from common.network import QNetwork, build_network, count_actions_of
 from common.process.command_line import parse
 from common.process.exit_codes import INTERRUPTED
 from common.process.lifeline import on_signals
+from common.process.program_end import exit_on_input_error
 from common.protocol.weights import decode_weights, encode_weights, set_weights
 from common.run.clock import ClockConfig
 from common.run.config import RunConfig

@@ -14,10 +14,11 @@ from rich.console import Console
 from rich.table import Table
 
 from common.checked import MAX_COUNT, Patience
-from common.errors import InputError, MessageError, Unreachable, exit_on_input_error
+from common.errors import InputError, MessageError, Unreachable
 from common.metrics import METRICS
 from common.process.command_line import parse
 from common.process.exit_codes import DONE, FAILED
+from common.process.program_end import exit_on_input_error
 from common.protocol.run_keys import RunKeys
 from common.protocol.run_status import RunStatus
 from common.run.join import find_run

@@ -29,13 +29,14 @@ from functools import partial
 import tyro
 
 from common.checked import MAX_COUNT
-from common.errors import InputError, exit_on_input_error
+from common.errors import InputError
 from common.process.allocator import keep_large_blocks
 from common.process.command_line import RunOptions, parse_run
 from common.process.http_endpoints import http_endpoints
 from common.process.http_page import Page, verdict
 from common.process.lifeline import on_signals
 from common.process.log_lines import kept_log, say, say_json
+from common.process.program_end import exit_on_input_error
 from common.process.restarts import with_restarts
 from common.process.service_manager import tell
 from common.process.threads import end_with_any_thread

@@ -20,11 +20,12 @@ from typing import Any, get_args
 
 import cv2
 
-from common.errors import InputError, exit_on_input_error
+from common.errors import InputError
 from common.process.command_line import parse
 from common.process.lifeline import on_signals
 from common.process.log_lines import LOADING, say
 from common.process.own_flags import own_help
+from common.process.program_end import exit_on_input_error
 from viewer.check import Check
 from viewer.draws import Draws
 from viewer.film import Film

@@ -21,7 +21,8 @@ from typing import Any
 
 import numpy as np
 
-from common.errors import MessageError, exit_on_input_error
+from common.errors import MessageError
+from common.process.program_end import exit_on_input_error
 from common.process.threads import guarded
 from common.protocol.ack import Ack
 from common.protocol.chunk import Chunk

@@ -13,7 +13,7 @@ from benchmarks.figures.plot_press import press_figure, read_press
 from benchmarks.figures.plot_race import race_figure
 from benchmarks.figures.plot_robustness import read_grid, robustness_figure
 from benchmarks.figures.plot_scaling import scaling_figure
-from common.errors import exit_on_input_error
+from common.process.program_end import exit_on_input_error
 from learner.figures import plot
 from learner.figures.plot_style import renamed
 

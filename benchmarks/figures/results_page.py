@@ -24,7 +24,8 @@ from benchmarks.figures.commits import Source, sources
 from benchmarks.figures.needs import NAMES, ROBOTS, SOURCES, needs
 from benchmarks.lab.ladder import MILESTONES
 from benchmarks.report import cell, scored
-from common.errors import InputError, exit_on_input_error
+from common.errors import InputError
+from common.process.program_end import exit_on_input_error
 from common.run.epochs import EpochRow, EpochTable
 from learner.telemetry.provenance import machine_line
 

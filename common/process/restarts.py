@@ -13,11 +13,11 @@ import time
 from collections.abc import Callable, Collection
 from functools import partial
 
-from common.errors import exit_on_input_error
 from common.process.backoff import SETTLED, growing_pause
 from common.process.exit_codes import EXIT_CODES, NO_ROOM
 from common.process.lifeline import heeded_signals, signal_pipe
 from common.process.log_lines import say_aside
+from common.process.program_end import exit_on_input_error
 
 _IN_VAIN = {code.number for code in EXIT_CODES if not code.again}
 _PR_SET_PDEATHSIG = 1

@@ -15,9 +15,10 @@ from typing import Annotated, TypeAlias
 
 import tyro
 
-from common.errors import InputError, exit_on_input_error
+from common.errors import InputError
 from common.process.command_line import parse
 from common.process.extras import extra_for
+from common.process.program_end import exit_on_input_error
 
 with extra_for("a figure", "plot"):
     from matplotlib.figure import Figure

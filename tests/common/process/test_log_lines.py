@@ -16,7 +16,8 @@ from tests.paths import ROOT
 
 CODE = """
 import logging, math, sys
-from common.errors import InputError, exit_on_input_error
+from common.errors import InputError
+from common.process.program_end import exit_on_input_error
 from common.process.log_lines import line, say_json
 say_json("replay")
 values = {"a/b": 1, "c/d": math.nan, "e/f": None}

@@ -16,7 +16,8 @@ HEAD = """
 import os, signal, sys, threading
 from pathlib import Path
 from common.process import backoff, restarts
-from common.errors import InputError, Unreachable, exit_on_input_error
+from common.errors import InputError, Unreachable
+from common.process.program_end import exit_on_input_error
 from common.process.lifeline import on_signals
 backoff.FIRST_PAUSE = 0.01
 for number in (signal.SIGINT, signal.SIGHUP):  # ignored where tests run in the background

@@ -1,4 +1,4 @@
-"""How a program ends: by its own status, or with one line for the user."""
+"""How a program ends: exit codes, and one line for people."""
 
 import errno
 import logging
@@ -10,7 +10,8 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from common.errors import InputError, MessageError, exit_on_input_error, writing
+from common.errors import InputError, MessageError, writing
+from common.process.program_end import exit_on_input_error
 
 
 @pytest.mark.parametrize(("returned", "status"), [(None, None), (0, 0), (3, 3)])
@@ -168,7 +169,7 @@ def test_other_errors_are_bugs_and_keep_their_traceback() -> None:
 PRINTS = """
 import sys
 from pathlib import Path
-from common.errors import exit_on_input_error
+from common.process.program_end import exit_on_input_error
 
 def main():
     sys.stdin.read()
@@ -194,7 +195,7 @@ def test_a_name_that_is_not_utf_8_is_printed_escaped() -> None:
 
 def test_a_program_ends_without_a_search_for_cycles() -> None:
     code = """
-from common.errors import exit_on_input_error
+from common.process.program_end import exit_on_input_error
 
 class Cycle:
     def __init__(self):
@@ -242,7 +243,8 @@ def test_the_status_of_an_error_that_nobody_can_read_is_its_own() -> None:
     """A supervisor starts a program again that ends by another status."""
     code = """
 import sys
-from common.errors import InputError, exit_on_input_error
+from common.errors import InputError
+from common.process.program_end import exit_on_input_error
 
 def main():
     sys.stdin.read()
@@ -262,7 +264,7 @@ exit_on_input_error(main)
 CLOSED = """
 import os, sys
 from pathlib import Path
-from common.errors import exit_on_input_error
+from common.process.program_end import exit_on_input_error
 
 def main():
     print("a line")
