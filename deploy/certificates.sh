@@ -31,6 +31,12 @@ if [ $# -lt 2 ] || { [ "$role" ] && [ $# -lt 3 ]; }; then
     echo "       $0 FOLDER --runs NAME...   as in: $0 certificates --runs breakout" >&2
     exit 2
 fi
+case ${DAYS:=365} in
+    0* | *[!0-9]*)
+        echo "error: DAYS is '$DAYS': give the number of days that the certificates are good for, from 1." >&2
+        exit 2
+        ;;
+esac
 folder=$1
 shift
 
@@ -53,7 +59,7 @@ certify() {  # common name, purpose, names in the certificate
     } >"$work/extensions"
     quietly openssl req -newkey ec -pkeyopt ec_paramgen_curve:prime256v1 -nodes -subj "/CN=$1" \
         -keyout "$work/key" -out "$work/request"
-    quietly openssl x509 -req -in "$work/request" -days "${DAYS:-365}" -CA ca.pem -CAkey ca-key.pem \
+    quietly openssl x509 -req -in "$work/request" -days "$DAYS" -CA ca.pem -CAkey ca-key.pem \
         -CAcreateserial -CAserial "$work/serial" -extfile "$work/extensions" -out "$work/certificate"
     mv "$work/key" "$1-key.pem"
     mv "$work/certificate" "$1.pem"

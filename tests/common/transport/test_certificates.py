@@ -8,12 +8,17 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
+from datetime import UTC, datetime, timedelta
 from functools import partial
 from itertools import cycle
 from pathlib import Path
 from queue import SimpleQueue
 
 import pytest
+from cryptography import x509
+from cryptography.hazmat.primitives.asymmetric.ec import EllipticCurvePrivateKey
+from cryptography.hazmat.primitives.hashes import SHA256
+from cryptography.hazmat.primitives.serialization import Encoding, load_pem_private_key
 
 from common.errors import InputError
 from common.process.exit_codes import BAD_INPUT
@@ -575,7 +580,7 @@ def test_files_that_cannot_be_used_are_told(
 CHECK = """
 import fcntl, sys, termios
 from pathlib import Path
-from common.errors import exit_on_input_error
+from common.process.program_end import exit_on_input_error
 from common.transport.credentials import check_certificates
 fcntl.ioctl(0, termios.TIOCSCTTY, 0)
 exit_on_input_error(lambda: check_certificates("tls/h:1", Path(sys.argv[1]), "actor"))
@@ -618,17 +623,46 @@ def test_a_certificate_by_name_that_is_missing_is_named(certificates: Path, tmp_
     assert check_certificates("tls/127.0.0.1:7447", folder, "actor", "a") is not None
 
 
+def _ended(certificate: Path, authority_key: Path) -> bytes:
+    """Returns the certificate as if it had ended yesterday."""
+    now = datetime.now(UTC)
+    found = x509.load_pem_x509_certificate(certificate.read_bytes())
+    builder = x509.CertificateBuilder(
+        *(found.issuer, found.subject, found.public_key(), found.serial_number),
+        *(now - timedelta(days=2), now - timedelta(days=1)),
+        list(found.extensions),
+    )
+    key = load_pem_private_key(authority_key.read_bytes(), None)
+    assert isinstance(key, EllipticCurvePrivateKey)
+    return builder.sign(key, SHA256()).public_bytes(Encoding.PEM)
+
+
 def test_a_certificate_that_is_out_of_date_is_told(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     folder = certify(tmp_path / "certificates")
     check_certificates("tls/127.0.0.1:7447", folder, "actor")
     assert not caplog.messages
-    monkeypatch.setenv("DAYS", "-1")
-    certify(folder)
+    (folder / "actor.pem").write_bytes(_ended(folder / "actor.pem", folder / "ca-key.pem"))
     check_certificates("tls/127.0.0.1:7447", folder, "actor")
     (told,) = caplog.messages
     assert told.startswith(f"{folder}/actor.pem is out of date since 2")
+
+
+@pytest.mark.parametrize("days", ["0", "-1", "a year", "07"])
+def test_the_script_refuses_certificates_that_would_be_out_of_date_at_once(
+    days: str, tmp_path: Path
+) -> None:
+    made = subprocess.run(
+        [SCRIPT, tmp_path / "certificates", "hub"],
+        check=False,
+        capture_output=True,
+        text=True,
+        env={**os.environ, "DAYS": days},
+    )
+    assert made.returncode == 2
+    assert f"error: DAYS is '{days}': give the number of days" in made.stderr
+    assert not (tmp_path / "certificates").exists()
 
 
 def test_the_script_names_hosts_and_keeps_the_authority(tmp_path: Path) -> None:
