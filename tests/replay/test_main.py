@@ -1,6 +1,7 @@
 """`python -m replay` as a real process, killed and restarted."""
 
 import re
+import shlex
 import signal
 import subprocess
 import sys
@@ -37,6 +38,7 @@ class Process:
     def __init__(self, folder: Path, endpoint: str, *flags: str) -> None:
         command = [sys.executable, "-m", "replay", "--run", RUN, "--runs", str(folder)]
         command += ["--preset", "fast", "--listen", endpoint, *FLAGS, *flags]
+        self.command = command
         self.process = subprocess.Popen(
             command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
         )
@@ -112,7 +114,10 @@ def test_nothing_acknowledged_is_lost_by_kill_9(tmp_path: Path, started: list[Pr
     transport.close()
     started[1].process.send_signal(signal.SIGINT)
     assert started[1].ended() == 0
-    assert re.search(r"480 steps, 400 stored, .* 30 accepted, 2 duplicate", started[1].lines[-1])
+    told, where, go_on = started[1].lines[-3:]
+    assert re.search(r"480 steps, 400 stored, .* 30 accepted, 2 duplicate", told)
+    assert where.endswith(f"The replay is in {tmp_path / RUN / 'replay'}; go on with:\n")
+    assert shlex.split(go_on) == ["python", *started[0].command[1:], "--resume"]
 
 
 def test_sizes_are_told_in_decimal_units() -> None:
