@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
+from zlib import crc32
 
 from common.errors import MessageError
 from common.protocol.evaluation import EvaluationJob, EvaluationReport
@@ -22,9 +23,9 @@ _log = logging.getLogger(__name__)
 NEWCOMER = 5.0
 """Seconds after its job within which an evaluator counts as present, even if its presence is not
 known yet."""
-HANGS = 4 * 3_600.0
+LONGEST_GAME = 3_600.0
 """Seconds without a report after which a present evaluator is given up, if there is another one. A
-whole game in real time lasts half an hour at most, and slow machines take longer."""
+whole game in real time lasts half an hour at most."""
 MAX_WAITING = 4
 """Maximum number of tests that wait for the first evaluator; each keeps a snapshot on disk."""
 
@@ -45,6 +46,8 @@ class EpochTest:
     scores: list[float] = field(default_factory=list)
     began: float | None = None
     """Seconds of the run at which the first evaluator got a shard of it."""
+    checksum: int | None = None
+    """CRC-32 of its snapshot; None in checkpoints of former versions."""
 
 
 @dataclass
@@ -84,6 +87,7 @@ class EvaluationCoordinator:
     def add(self, test: EpochTest, weights: bytes) -> None:
         """Queues the test of ``weights``; without evaluators only the newest few tests wait."""
         self.snapshots.write(test.epoch, weights)
+        test.checksum = crc32(weights)
         nobody = not self.evaluators()
         with self._lock:
             self._tests[test.epoch] = test
@@ -93,13 +97,22 @@ class EvaluationCoordinator:
             for epoch in waiting[:-MAX_WAITING] if nobody else ():
                 del self._tests[epoch]
                 self._unneeded.add(epoch)
+        if len(waiting) > MAX_WAITING and not nobody:
+            _log.warning(
+                "%d tests wait for evaluators, which are slower than the training: start more of "
+                "them, or give the next run fewer --protocol.test-steps",
+                len(waiting),
+            )
 
     def sweep(self) -> None:
         """Deletes the snapshots of tests that are over or given up; call it once no checkpoint
         needs them."""
-        for epoch in tuple(self._unneeded):
+        with self._lock:
+            unneeded = tuple(self._unneeded)
+        for epoch in unneeded:
             self.snapshots.remove(epoch)
-            self._unneeded.remove(epoch)
+            with self._lock:
+                self._unneeded.discard(epoch)
 
     def take_finished(self) -> EpochTest | None:
         """Returns a test that is over, each one once; None if there is none.
@@ -111,7 +124,7 @@ class EvaluationCoordinator:
         with self._lock:
             for name, shard in list(self._shards.items()):
                 lost = name not in present and now - shard.given > NEWCOMER
-                hangs = now - shard.heard > HANGS and len(present) > 1
+                hangs = now - shard.heard > LONGEST_GAME and len(present) > 1
                 if lost or hangs:
                     self._give_back(name)
             return self._finished.pop(0) if self._finished else None
@@ -128,7 +141,6 @@ class EvaluationCoordinator:
         before = [each for each in (best_before, self.snapshots.best_score()) if each is not None]
         if mean is not None and mean > max(before, default=-math.inf):
             card = {
-                "epoch": test.epoch,
                 "mean_score": mean,
                 "games": len(test.scores),
                 "epsilon": self.protocol.test_epsilon,
@@ -143,7 +155,8 @@ class EvaluationCoordinator:
                     "missing",
                     test.epoch,
                 )
-        self._unneeded.add(test.epoch)
+        with self._lock:
+            self._unneeded.add(test.epoch)
 
     def finish(self) -> None:
         """Tells evaluators without a job from now on that the run is over."""
@@ -178,6 +191,7 @@ class EvaluationCoordinator:
         Returns the epochs that stay untested because their snapshots are gone. This happens with
         the previous checkpoint, which has tests that were settled since.
         """
+        self.snapshots.finish_best()
         untested = []
         again = {"remaining": self.protocol.test_steps, "steps": 0, "scores": [], "began": None}
         for each in state:
@@ -187,7 +201,8 @@ class EvaluationCoordinator:
                 continue
             with self._lock:
                 self._tests[test.epoch] = test
-        self._unneeded |= self.snapshots.epochs() - self._tests.keys()
+        with self._lock:
+            self._unneeded |= self.snapshots.epochs() - self._tests.keys()
         return untested
 
     # ------------------------------------------------------------------ for the evaluators
@@ -211,8 +226,13 @@ class EvaluationCoordinator:
             self._shards[evaluator] = _Shard(test.epoch, steps, given=now, heard=now)
         try:
             weights = self.snapshots.read(test.epoch)
-        except FileNotFoundError:  # or all later tests would wait for this one
-            _log.warning("epoch %d stays untested: its snapshot is missing", test.epoch)
+        except OSError as error:
+            weights, wrong = b"", f"cannot be read ({error.strerror})"
+        else:
+            damaged = test.checksum not in (None, crc32(weights))
+            wrong = "is damaged" if damaged else ""
+        if wrong:  # or all later tests would wait for this one
+            _log.warning("epoch %d stays untested: its snapshot %s", test.epoch, wrong)
             self._drop(test.epoch)
             return EvaluationJob("wait")
         return EvaluationJob("test", test.epoch, steps, self.protocol.test_epsilon, weights)
@@ -241,6 +261,7 @@ class EvaluationCoordinator:
     def _drop(self, epoch: int) -> None:
         with self._lock:
             self._tests.pop(epoch, None)
+            self._unneeded.add(epoch)
             for name in [name for name, each in self._shards.items() if each.epoch == epoch]:
                 del self._shards[name]
 

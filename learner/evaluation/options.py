@@ -64,12 +64,25 @@ class EvaluationOptions:
             InputError: an option is out of bounds or has no effect, or the file cannot be written.
         """
         check_bounds(self)
-        if self.headline and self.evaluate is None:
-            raise InputError("--headline needs --evaluate: name a network to evaluate.")
+        if self.evaluate is None:
+            self._refuse_all()
         if self.headline and self.epsilon != EvaluationOptions.epsilon:
             raise InputError("--headline has its own shares of random actions: omit --epsilon.")
         if self.json is not None:
             check_new_file(self.json)  # before the games, not after them
+
+    def _refuse_all(self) -> None:
+        """Raises InputError for any of these options, because no network is evaluated."""
+        usual = EvaluationOptions()
+        for name in ("headline", "games", "test_steps", "epsilon", "processes", "json"):
+            if getattr(self, name) != getattr(usual, name):
+                training = {
+                    "test_steps": "give --protocol.test-steps for the tests of a training",
+                    "epsilon": "give --exploration.end or --protocol.test-epsilon for a training",
+                }.get(name, "name a network to evaluate, or omit it")
+                raise InputError(
+                    f"--{name.replace('_', '-')} is for an evaluation (--evaluate): {training}."
+                )
 
     @property
     def at_once(self) -> int:

@@ -15,6 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 RESAMPLES = 10_000
+_MAX_DRAWN = 2_000_000
+"""Maximum number of scores that are resampled at a time, 16 MB; a short game is played often."""
 
 
 @dataclass(frozen=True)
@@ -37,8 +39,15 @@ class Scores:
     def of(cls, scores: Sequence[float], seed: int = 1) -> "Scores":
         """Returns the statistics of at least one game; ``seed`` is that of the bootstrap."""
         found = np.asarray(scores, np.float64)
-        drawn = np.random.default_rng(seed).choice(found, (RESAMPLES, len(found)))
-        low, high = np.percentile(interquartile_mean(drawn), (2.5, 97.5))
+        rng = np.random.default_rng(seed)
+        at_once = max(_MAX_DRAWN // len(found), 1)
+        means = np.concatenate(
+            [
+                interquartile_mean(rng.choice(found, (min(at_once, RESAMPLES - begin), len(found))))
+                for begin in range(0, RESAMPLES, at_once)
+            ]
+        )
+        low, high = np.percentile(means, (2.5, 97.5))
         return cls(
             games=len(found),
             mean=float(found.mean()),

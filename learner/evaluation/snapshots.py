@@ -3,11 +3,17 @@
 import json
 from pathlib import Path
 from typing import Any
+from zlib import crc32
 
 from common.atomic_file import write_atomically, write_json
-from common.checked import Score, build
+from common.checked import Count, FromOne, Score, build
 from common.regular_file import read_file
 from common.run.folder import epoch_name, kept_networks
+
+_EPOCH, _CHECKSUM = "epoch", "crc32"
+"""Keys of the card of the best weights."""
+_UNREADABLE = (OSError, ValueError, TypeError, KeyError, RecursionError)
+"""Errors of a card that is missing or broken."""
 
 
 class Snapshots:
@@ -44,15 +50,31 @@ class Snapshots:
             self.file(epoch).unlink(missing_ok=True)
 
     def keep_as_best(self, epoch: int, card: dict[str, Any]) -> None:
-        """Makes an epoch's weights `best`, and writes ``card`` beside them."""
-        write_atomically(self.best, self.read(epoch))
-        write_json(self.best_card, card)
+        """Makes an epoch's weights `best`, and writes ``card`` beside them. Raises OSError if the
+        weights are missing.
+
+        The card comes first, and decides: if a kill prevents the copy, `finish_best` makes it.
+        """
+        weights = self.read(epoch)
+        write_json(self.best_card, card | {_EPOCH: epoch, _CHECKSUM: crc32(weights)})
+        write_atomically(self.best, weights)
+
+    def finish_best(self) -> None:
+        """Makes the copy of the best weights that a kill prevented."""
+        try:
+            card = json.loads(read_file(self.best_card))
+            epoch, checksum = build(FromOne, card[_EPOCH]), build(Count, card[_CHECKSUM])
+            weights = self.read(epoch)
+        except _UNREADABLE:
+            return  # nothing is known of it, or its epoch's weights are gone: the copy was made
+        if crc32(weights) == checksum:
+            write_atomically(self.best, weights)
 
     def best_score(self) -> float | None:
         """Returns the mean score of `best`; None if its card is missing or broken."""
         try:
             return build(Score, json.loads(read_file(self.best_card))["mean_score"])
-        except (OSError, ValueError, TypeError, KeyError, RecursionError):
+        except _UNREADABLE:
             return None
 
     def file(self, epoch: int) -> Path:

@@ -2,11 +2,18 @@
 
 import threading
 from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
+from common.protocol.chunk import Game
+from common.protocol.evaluation import EvaluationReport
+from common.run.config import ProtocolConfig
+from learner.evaluation.coordinator import EpochTest, EvaluationCoordinator
+from learner.evaluation.snapshots import Snapshots
 from learner.farewell import Farewell
 
 
@@ -54,20 +61,20 @@ def test_without_evaluators_and_without_a_test_there_is_nothing_to_say() -> None
     assert (end.now, end.said) == (0, [])
 
 
-def test_each_test_that_ends_grants_the_others_an_hour_more() -> None:
+def test_each_test_that_ends_grants_the_others_two_hours_more() -> None:
     end = End(pending=2, evaluator=True)
     end.at = {
-        3_000.0: lambda: setattr(end.evaluation, "pending", 1),
-        6_000.0: lambda: setattr(end.evaluation, "pending", 0),
-        6_010.0: end.alive.clear,
+        6_000.0: lambda: setattr(end.evaluation, "pending", 1),
+        12_000.0: lambda: setattr(end.evaluation, "pending", 0),
+        12_010.0: end.alive.clear,
     }
     end.farewell.wait_for_evaluators()
-    assert end.now == pytest.approx(6_010, abs=1)
+    assert end.now == pytest.approx(12_010, abs=1)
     assert end.said == []
 
 
 @pytest.mark.parametrize("stops", [True, False])
-def test_neither_a_stop_nor_an_evaluator_that_leaves_is_an_hour_without_a_game(
+def test_neither_a_stop_nor_an_evaluator_that_leaves_is_two_hours_without_a_game(
     stops: bool,
 ) -> None:
     end = End(pending=1, evaluator=True)
@@ -77,12 +84,38 @@ def test_neither_a_stop_nor_an_evaluator_that_leaves_is_an_hour_without_a_game(
     assert end.said == []
 
 
-def test_after_the_last_test_that_ends_an_hour_without_one_is_the_end() -> None:
+def test_after_the_last_test_that_ends_two_hours_without_one_are_the_end() -> None:
     end = End(pending=2, evaluator=True)
-    end.at = {3_000.0: lambda: setattr(end.evaluation, "pending", 1), 9_999.0: end.set}
+    end.at = {3_000.0: lambda: setattr(end.evaluation, "pending", 1), 19_999.0: end.set}
     end.farewell.wait_for_evaluators()
-    assert end.now == pytest.approx(3_000 + 3_600 + 60, abs=2)
-    assert [said[:37] for said in end.said] == ["No game of a test has ended in 60 min"]
+    assert end.now == pytest.approx(3_000 + 7_200 + 60, abs=2)
+    assert [said[:37] for said in end.said] == ["No game of a test has ended in 120 mi"]
+
+
+def test_who_plays_has_time_for_what_one_that_hangs_was_to_play(tmp_path: Path) -> None:
+    end = End(evaluator=True)
+    coordinator = EvaluationCoordinator(
+        Snapshots(tmp_path),
+        replace(ProtocolConfig(), test_steps=100),
+        evaluators=lambda: {"hangs", "plays"},
+        seconds=lambda: end.now,
+        now=lambda: end.now,
+    )
+    coordinator.add(EpochTest(1, 1, 1, 1, None, remaining=100), b"w")
+    assert coordinator.give_job("hangs").steps == 50
+
+    def look() -> None:
+        if (job := coordinator.give_job("plays")).kind == "test":
+            game = (Game(1.0, 9),)
+            coordinator.take_report(EvaluationReport("plays", 1, job.steps, game, done=True))
+        if (test := coordinator.take_finished()) is not None:
+            assert test.steps == 100
+            end.alive.clear()
+
+    end.look = look
+    replace(end.farewell, evaluation=coordinator).wait_for_evaluators()
+    assert end.now == pytest.approx(3_600, abs=10)
+    assert end.said == []
 
 
 def test_what_came_just_before_the_last_actor_left_is_taken_in() -> None:

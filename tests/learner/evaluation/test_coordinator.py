@@ -3,8 +3,10 @@
 import errno
 import json
 import os
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 
@@ -12,8 +14,9 @@ from common.errors import MessageError
 from common.protocol.chunk import Game
 from common.protocol.evaluation import EvaluationJob, EvaluationReport
 from common.run.config import ProtocolConfig
+from learner.evaluation import snapshots
 from learner.evaluation.coordinator import (
-    HANGS,
+    LONGEST_GAME,
     MAX_WAITING,
     NEWCOMER,
     EpochTest,
@@ -117,9 +120,53 @@ def test_a_test_whose_snapshot_was_removed_holds_up_no_other(
     assert tests.ask("e").epoch == 1
     tests.coordinator.snapshots.file(1).unlink()
     assert tests.ask("f").kind == "wait"
-    assert caplog.messages == ["epoch 1 stays untested: its snapshot is missing"]
+    (told,) = caplog.messages
+    assert told == (
+        "epoch 1 stays untested: its snapshot cannot be read (No such file or directory)"
+    )
     assert not tests.report("e", 1, 50, [1.0], done=True)
     assert (tests.ask("f").epoch, tests.coordinator.pending) == (2, 1)
+
+
+def test_a_test_whose_snapshot_is_damaged_holds_up_no_other(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    tests = Place(tmp_path, "e")
+    for epoch in (1, 2):
+        tests.coordinator.add(epoch_test(epoch), b"weights")
+    file = tests.coordinator.snapshots.file(1)
+    file.write_bytes(b"weighty")
+    assert tests.ask("e").kind == "wait"
+    assert caplog.messages == ["epoch 1 stays untested: its snapshot is damaged"]
+    assert tests.ask("e").epoch == 2
+    assert file.exists(), "a checkpoint may name it"
+    tests.coordinator.sweep()
+    assert not file.exists()
+
+
+def test_a_test_of_a_former_versions_checkpoint_has_no_checksum(tmp_path: Path) -> None:
+    tests = Place(tmp_path, "e")
+    tests.coordinator.add(epoch_test(1), b"weights")
+    (state,) = tests.coordinator.state()
+    assert state.pop("checksum") is not None
+    again = Place(tmp_path, "e")
+    assert again.coordinator.restore([state]) == []
+    assert again.ask("e").weights == b"weights"
+
+
+def test_tests_that_evaluators_do_not_keep_up_with_wait_and_are_told(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    tests = Place(tmp_path, "e")
+    tests.coordinator.add(epoch_test(1), b"w")
+    assert tests.ask("e").epoch == 1
+    for epoch in range(2, MAX_WAITING + 2):
+        tests.coordinator.add(epoch_test(epoch), b"w")
+    assert not caplog.messages
+    tests.coordinator.add(epoch_test(MAX_WAITING + 2), b"w")
+    (told,) = caplog.messages
+    assert told.startswith(f"{MAX_WAITING + 1} tests wait for evaluators, which are slower than")
+    assert tests.coordinator.pending == MAX_WAITING + 2
 
 
 def test_a_missing_snapshot_takes_no_other_test_from_its_evaluator(tmp_path: Path) -> None:
@@ -225,7 +272,7 @@ def test_an_evaluator_that_is_there_and_says_nothing_holds_up_no_test_for_ever(
     tests.coordinator.add(epoch_test(1), b"1")
     assert tests.ask("hangs").steps == tests.ask("plays").steps == 50
     for _ in range(2):
-        tests.now += 0.6 * HANGS
+        tests.now += 0.6 * LONGEST_GAME
         assert tests.report("plays", 1, 20, [1.0], done=False)
         assert tests.coordinator.take_finished() is None
     assert tests.report("plays", 1, 10, [1.0], done=True)
@@ -308,6 +355,7 @@ def test_the_best_snapshot_is_kept_and_others_go(tmp_path: Path) -> None:
         "epsilon": 0.05,
         "train_steps": 80,
         "updates": 20,
+        "crc32": 0x3A666D01,
     }
     assert not list(tmp_path.glob("epoch-*"))
 
@@ -334,6 +382,38 @@ def test_the_best_snapshot_stays_where_the_table_has_lost_its_test(tmp_path: Pat
     (tmp_path / "best.json").unlink()
     coordinator.settle(replace(epoch_test(1), scores=[1.0]), 2.0)  # the table knows a better one
     assert (tmp_path / "best.safetensors").read_bytes() == b"weights of 8"
+
+
+def test_a_kill_between_the_card_and_the_weights_of_the_best_test_parts_them_for_no_long_time(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    coordinator = Place(tmp_path).coordinator
+    for epoch, score in ((3, 10.0), (5, 12.0)):
+        coordinator.add(epoch_test(epoch), f"weights of {epoch}".encode())
+        if epoch == 5:
+            monkeypatch.setattr(snapshots, "write_atomically", Mock(side_effect=SystemExit))
+        with suppress(SystemExit):
+            coordinator.settle(replace(epoch_test(epoch), scores=[score]), None)
+    monkeypatch.undo()
+    assert (tmp_path / "best.safetensors").read_bytes() == b"weights of 3"
+    resumed = Place(tmp_path, "e").coordinator
+    assert resumed.restore(coordinator.state()) == []
+    assert (tmp_path / "best.safetensors").read_bytes() == b"weights of 5"
+    # Played again, its games end otherwise.
+    resumed.settle(replace(epoch_test(5), scores=[9.0]), 10.0)
+    resumed.sweep()
+    assert (tmp_path / "best.safetensors").read_bytes() == b"weights of 5"
+    assert json.loads((tmp_path / "best.json").read_bytes())["mean_score"] == 12.0
+
+
+def test_a_snapshot_of_the_best_epochs_number_is_not_the_best_by_that(tmp_path: Path) -> None:
+    """The run went on from the previous checkpoint, and its epoch 3 was played anew."""
+    coordinator = Place(tmp_path).coordinator
+    coordinator.add(epoch_test(3), b"weights of 3")
+    coordinator.settle(replace(epoch_test(3), scores=[10.0]), None)
+    coordinator.add(epoch_test(3), b"other weights")
+    Place(tmp_path).coordinator.restore(coordinator.state())
+    assert (tmp_path / "best.safetensors").read_bytes() == b"weights of 3"
 
 
 def test_best_weights_that_somebody_removed_end_no_run(

@@ -229,12 +229,30 @@ def test_what_a_headline_would_override_is_refused(program: Path) -> None:
     write(program, TELLS_ITS_CHANCES)
     with pytest.raises(InputError, match="omit --epsilon"):
         EvaluationOptions(program, headline=True, epsilon=0.05).check()
-    with pytest.raises(InputError, match="--headline needs --evaluate"):
-        EvaluationOptions(headline=True).check()
     for trained in (CONFIG, None):
         sticky = replace(CONFIG, play=replace(CONFIG.play, sticky=0.1))
         with pytest.raises(InputError, match=r"omit --play\.sticky"):
             evaluated(EvaluationOptions(program, headline=True), sticky, trained)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"headline": True}, r"--headline is for an evaluation \(--evaluate\): name a network"),
+        ({"games": 5}, r"--games is for an evaluation"),
+        ({"processes": 1}, r"--processes is for an evaluation"),
+        ({"json": Path("x/y.json")}, r"--json is for an evaluation"),
+        ({"test_steps": 6_000}, r"--test-steps is .*: give --protocol\.test-steps for the tests"),
+        ({"epsilon": 0.2}, r"--epsilon is .*: give --exploration\.end or --protocol\.test-epsilon"),
+    ],
+)
+def test_options_of_an_evaluation_do_nothing_to_a_training_and_are_refused(
+    options: dict[str, Any], words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InputError, match=words):
+        EvaluationOptions(**options).check()
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize(
