@@ -154,7 +154,6 @@ class Phases:
         steps = sum(each.steps for each in judged)
         samples = self.updates * self._config.learning.batch_size
         return {
-            "run/agent_steps": self.agent_steps,
             "run/epoch": self.epoch - ended,
             "run/phase_length": self.phase_length,
             "run/phase_steps": self.phase_length if ended else self.phase_steps,

@@ -2,7 +2,6 @@
 
 import sys
 import threading
-from contextlib import closing, nullcontext
 from functools import partial
 
 import torch
@@ -89,11 +88,10 @@ def train(options: LearnerOptions, again: bool) -> int:
             if sent := demonstrations.insert(transport, keys, stop, display.line):
                 write_atomically(folder.demonstrations, sent.encode())
         learner.start()
-        local = closing(launch(options, from_here(endpoint), folder)) if options.local else None
-        with local or nullcontext() as children:
-            disk = replay.progress(MAX_COUNT).file_bytes
-            display.line(_first_words(options, folder, device, disk, endpoint))
-            learner.run(children)
+        disk = replay.progress(MAX_COUNT).file_bytes
+        display.line(_first_words(options, folder, device, disk, endpoint))
+        local = options.local and not stop.is_set()
+        learner.run(launch(options, from_here(endpoint), folder) if local else None)
     return _last_words(learner, folder)
 
 

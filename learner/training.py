@@ -149,7 +149,7 @@ class Learner:
         self._count_chunks()
         self._take_tests()
         if self._children is not None:
-            for note in self._children.watch(finished=self._has_finished):
+            for note in self._children.watch(finished=self._have_all_played):
                 self.telemetry.note(note)
         if self._measure_schedule.is_due():
             self.held_out.measure()
@@ -242,12 +242,12 @@ class Learner:
             if not new or new[-1].index + 1 >= told.accepted:
                 return
 
-    def _has_finished(self) -> bool:
+    def _have_all_played(self) -> bool:
         """Whether all steps have been played by now. Actors hear of that from the replay, and may
         leave before the next look."""
-        if not self._finished:
+        if not self._all_played:
             self._count_chunks()
-        return self._finished
+        return self._all_played
 
     def _ask_replay(self) -> Progress:
         """Returns what is new in the replay, which is told the run's goal. Raises InputError if
@@ -290,7 +290,7 @@ class Learner:
         """Returns the figures that only the loop knows."""
         phase: Phase = "training" if self.phases.epoch else "warm-up"
         return {
-            "run/phase": "finishing" if self._finished else phase,
+            "run/phase": "finishing" if self.done else phase,
             "run/seconds": self.clock.seconds(),
             "learning/skipped": self.losses.skipped,
             "stream/weights_version": self.broadcast.version,
@@ -310,7 +310,7 @@ class Learner:
 
     def _check_health(self, checks: Sequence[HealthCheck]) -> None:
         """Ends an unhealthy run, unless it only waits for its last tests."""
-        if self._finished:
+        if self.done:
             return
         self.failed = self.guard.check(
             checks if self.phases.epoch else (), self.phases.agent_steps, self.phases.updates
@@ -321,14 +321,14 @@ class Learner:
     # ------------------------------------------------------------------ the end
 
     @property
-    def _finished(self) -> bool:
+    def _all_played(self) -> bool:
         """Whether all steps have been played, so that actors may leave."""
         return self.steps_goal is not None and self.phases.agent_steps >= self.steps_goal
 
     @property
     def done(self) -> bool:
         """Whether all requested steps have been played, and all their updates made."""
-        if self.steps_goal is None or not self._finished:
+        if self.steps_goal is None or not self._all_played:
             return False
         steps = self.steps_goal - self.config.replay.learning_starts
         return self.phases.updates >= steps // self.config.learning.train_period
@@ -347,5 +347,8 @@ class Learner:
         )
         farewell.wait_for_actors()
         if self.phases.phase_steps >= _LEAST_PHASE * self.phases.phase_length:
+            only_demonstrations = not self.phases.epoch
             self._end_phase()
+            if only_demonstrations:  # an epoch without steps, for what they have taught
+                self._end_phase()
         farewell.wait_for_evaluators()

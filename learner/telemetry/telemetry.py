@@ -142,28 +142,31 @@ class Telemetry:
             self.note(text)
         config = self.config
         actors, (totals, key_times) = self.registry.actors(), self.registry.totals()
-        values: dict[str, Value] = {
+        of_run: Values = {
             "run/preset": config.preset,
             "run/env": config.env,
             "run/game": config.task,
             "run/seed": config.seed,
+            "run/memory_bytes": footprint().private,
             "stream/samples_per_insert_goal": config.samples_per_insert,
             "stream/capacity": config.replay.capacity,
-            **self.constants,
-            **replay.values(),
-            **self.phases.values(finishing=loop["run/phase"] == "finishing"),
-            **self._means.values(),
-            **self.held_out.values(),
-            **totals,
-            **self._latency.values(key_times),
-            **self._rewards(),
-            **self._rates(),
-            **loop,
-            "run/memory_bytes": footprint().private,
-            **self.gpu(),
             "stream/actors_alive": sum(actor.alive for actor in actors),
             "stream/actors_present": sum(not actor.left for actor in actors),
         }
+        values = _together(
+            of_run,
+            self.constants,
+            replay.values(),
+            self.phases.values(finishing=loop["run/phase"] == "finishing"),
+            self._means.values(),
+            self.held_out.values(),
+            totals,
+            self._latency.values(key_times),
+            self._rewards(),
+            self._rates(),
+            loop,
+            self.gpu(),
+        )
         if self.phases.train_steps < config.exploration.steps:
             # Until exploration is over, a network cannot be better than a blind one.
             values["learning/relative_td_error"] = None
@@ -240,3 +243,14 @@ class Telemetry:
             "play/test_epoch": tests[-1].epoch if tests else None,
             "play/random_reward": next(iter(self.rewards("random")), None),
         }
+
+
+def _together(*parts: Values) -> dict[str, Value]:
+    """Returns all figures of the parts. Raises KeyError for one that two parts give: which of them
+    was meant would depend on their order."""
+    found: dict[str, Value] = {}
+    for part in parts:
+        if twice := found.keys() & part.keys():
+            raise KeyError(f"{sorted(twice)} come from two parts of a learner")
+        found |= part
+    return found

@@ -70,6 +70,7 @@ def test_a_replay_of_its_own_gets_them_too(stage: Stage, recording: Path) -> Non
     assert "the replay begins with 449 steps" in output
     assert stage.summary()["agent_steps"] == 449
     assert stage.summary()["updates"] >= 25
+    assert [row["phase"] for row in stage.rows()] == ["random", "train"]  # to be tested
 
 
 def test_those_that_cannot_be_used_leave_nothing(stage: Stage, recording: Path) -> None:

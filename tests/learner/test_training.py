@@ -23,6 +23,7 @@ from common.errors import InputError
 from common.metrics import Values
 from common.protocol.actor_stats import ActorStats
 from common.protocol.chunk import Game
+from common.protocol.run_keys import DEMONSTRATIONS
 from common.protocol.run_status import HealthCheck
 from common.protocol.wire import decode_version
 from common.run.config import RunConfig
@@ -124,8 +125,8 @@ class World:
         """Chunk from which a resumed learner counts."""
         self.ended: dict[str, bool] = {}
         """Whether each process that has gone said farewell."""
-        self.starting: list[Any] = []
-        """Children that had not joined at each look."""
+        self.told: list[Values] = []
+        """The loop's figures at each look."""
 
     def passes(self, seconds: float) -> None:
         self.now += seconds
@@ -136,13 +137,13 @@ class World:
     def once(self, condition: Callable[[], bool], action: Callable[[], None]) -> None:
         self.at.append((condition, action))
 
-    def play(self, steps: int) -> None:
-        """The actors send a chunk in which a game ended, whose score is the chunk's number."""
+    def play(self, steps: int, actor: str = "a") -> None:
+        """An actor sends a chunk in which a game ended, whose score is the chunk's number."""
         index = len(self.chunks)
         self.agent_steps += steps
         self.chunks.append(
             ChunkStatistics(
-                *(index, self.agent_steps, steps, "a", 1.0, 0, 0, steps, steps),
+                *(index, self.agent_steps, steps, actor, 1.0, 0, 0, steps, steps),
                 games=(Game(float(index), 10),),
             )
         )
@@ -215,7 +216,7 @@ class World:
     # ---------------------------------------------------------------- the learner
 
     def report(self, values: Values, replay: Progress) -> tuple[HealthCheck, ...]:
-        self.starting.append(values["stream/actors_starting"])
+        self.told.append(values)
         return self.checks
 
     def summarise(self, values: Values, replay: Progress) -> None:
@@ -788,11 +789,46 @@ def test_a_local_evaluator_that_has_not_joined_yet_is_waited_for() -> None:
     assert world.rows[-1].phase == "test"
 
 
+def test_the_loop_tells_its_phase_its_version_and_what_it_skipped() -> None:
+    world = World(loss=lambda update: math.nan if update in (30, 31) else 0.5, spoils=False)
+    run(world, steps_goal=300)
+    phases = [phase for phase, _ in groupby(told["run/phase"] for told in world.told)]
+    assert phases == ["warm-up", "training", "finishing"]
+    assert world.told[-1]["learning/skipped"] == 2
+    assert world.told[-1]["stream/weights_version"] == world.published[-1][1]
+    assert {told["learning/skipped"] for told in world.told[:2]} == {0}
+
+
+def test_demonstrations_that_are_all_the_steps_are_learned_from_and_that_is_tested() -> None:
+    world = World(chunk_steps=0)
+    world.play(400, DEMONSTRATIONS)
+    run(world, steps_goal=300)
+    assert [(row.phase, row.epoch, row.steps) for row in world.rows] == [
+        ("random", 0, 400),
+        ("train", 1, 0),
+        ("test", 1, 50),
+    ]
+    assert world.updates == 50
+    assert next(each for each in world.log if each[0] == "test")[1] == 1
+
+
+def test_a_learner_that_gets_no_minibatch_after_the_last_step_does_not_wait_for_ever() -> None:
+    world = World(chunk_steps=0, last_update=10)
+    world.play(400, DEMONSTRATIONS)
+    learner = world.learner(steps_goal=300)
+    learner.start()
+    learner.run()
+    assert learner.failed is not None
+    assert "10 minutes" in learner.failed
+
+
 def test_an_evaluator_that_plays_nothing_is_not_waited_for_without_end() -> None:
     world = World(test_seconds=math.inf)
     run(world, steps_goal=300)
-    assert [said for said in world.said if said.startswith("No game of a test has ended in 60 min")]
-    assert 3_600.0 < world.now - world.added < 3_700.0
+    assert [
+        said for said in world.said if said.startswith("No game of a test has ended in 120 min")
+    ]
+    assert 7_200.0 < world.now - world.added < 7_300.0
     assert len(world.checkpoints[-1]["tests"]) == 1  # for one that comes to the resumed run
 
 
@@ -863,6 +899,11 @@ def test_local_modes_children_are_watched_and_asked_to_leave() -> None:
     ]
 
 
+def _starting(world: World) -> list[Any]:
+    """Returns how many children had not joined at each look."""
+    return [told["stream/actors_starting"] for told in world.told]
+
+
 def test_local_modes_children_are_starting_until_they_join_and_again_after_a_loss() -> None:
     world = World(evaluators=set())
     at_work = {"actor-1", "evaluator-1"}
@@ -874,11 +915,11 @@ def test_local_modes_children_are_starting_until_they_join_and_again_after_a_los
     learner = world.learner()
     learner.start()
     learner.run(children_of_local_mode(at_work=lambda: at_work))
-    assert [count for count, _ in groupby(world.starting)] == [2, 1, 2, 1, 0]
+    assert [count for count, _ in groupby(_starting(world))] == [2, 1, 2, 1, 0]
     alone = World()
     alone.stops_at(60)
     run(alone)
-    assert {*alone.starting} == {0}
+    assert {*_starting(alone)} == {0}
 
 
 def test_the_summary_has_the_last_chunks_of_local_modes_actors() -> None:
