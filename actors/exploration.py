@@ -20,7 +20,8 @@ MEAN_DURATION = float(DURATION_LAW @ _DURATIONS)
 
 
 class Exploration:
-    """Draws the random actions of ``envs`` environments."""
+    """Draws the random actions of ``envs`` environments. A random action that lasts goes on in the
+    next episode: who explores does not look at what is seen."""
 
     def __init__(
         self, config: ExplorationConfig, actions: int, envs: int, rng: np.random.Generator

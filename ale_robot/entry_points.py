@@ -2,6 +2,7 @@
 
 import sys
 from collections.abc import Callable
+from dataclasses import fields
 from typing import Any
 
 import gymnasium
@@ -10,25 +11,37 @@ from actors.envs.ale import AtariEnv
 from actors.envs.robot import RobotEnv
 from actors.vision.layout import ASPECT
 from common.errors import InputError
+from common.run.config import RunConfig
+from common.run.rules import check_world
 from viewer.terminal.rendering import TerminalRendering
 
 
 class EntryPoint:
-    """Makes an environment, and draws it into the terminal for render_mode "human"."""
+    """Makes the environment ``name``, and draws it into the terminal for render_mode "human"."""
 
     metadata = {"render_modes": ["human", "rgb_array"], "render_fps": 15}  # noqa: RUF012
 
     def __init__(
-        self, env: Callable[..., gymnasium.Env[Any, Any]], aspect: float | None = None
+        self,
+        name: str,
+        env: Callable[..., gymnasium.Env[Any, Any]],
+        aspect: float | None = None,
     ) -> None:
+        self._name = name
         self._env = env
         self._aspect = aspect
 
     def __call__(
         self, *, render_mode: str | None = None, **settings: Any
     ) -> gymnasium.Env[Any, Any]:
-        """Makes the environment. Raises InputError for render_mode "human" if standard output is
-        not a terminal."""
+        """Makes the environment.
+
+        Raises:
+            InputError: ``settings`` cannot work, or have no effect in this environment; or standard
+                output is not a terminal, and render_mode is "human".
+        """
+        known = {each.name for each in fields(RunConfig)} & settings.keys()
+        check_world(RunConfig(env=self._name, **{name: settings[name] for name in known}))
         human = render_mode == "human"
         if human and (sys.stdout is None or not sys.stdout.isatty()):
             raise InputError(
@@ -39,5 +52,5 @@ class EntryPoint:
         return TerminalRendering(made, self._aspect) if human else made
 
 
-robot_env = EntryPoint(RobotEnv)
-emulator_env = EntryPoint(AtariEnv, ASPECT)
+robot_env = EntryPoint("robot", RobotEnv)
+emulator_env = EntryPoint("ale", AtariEnv, ASPECT)

@@ -87,11 +87,13 @@ class AtariEnv(GameEnv):
         if self._begin_episode(seed, options):
             play, camera = self.conditions
             self._world.begin_game(play, self.np_random)
-            perfect = camera == PERFECT_CAMERA
-            self._camera = None if perfect else FrameCamera(camera, self.np_random)
-            if self._camera is not None:
+            self._camera = None
+            if camera != PERFECT_CAMERA:
+                self._camera = FrameCamera(camera)
+                begin = partial(self._camera.begin_game, self.np_random)
+                begin()
                 look = partial(self._camera.take, agent_steps=1)
-                self._time_eye(look, self.emulator.screen_grey())
+                self._time_eye(look, self.emulator.screen_shape, forget=begin)
         self._frames.restart(self._frame(0))
         return self._observation(), StepInfo(*self._game.standing, elapsed=0)._asdict()
 

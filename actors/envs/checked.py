@@ -12,9 +12,11 @@ from numpy.typing import NDArray
 
 from actors.envs.observation import frames_and_vector
 from actors.envs.shown_env import ShownEnv
+from actors.envs.step_info import StepInfo
 from actors.vision.layout import ASPECT
+from common.checked import MAX_SIZE
 from common.errors import InputError
-from common.protocol.step_fields import FRAME_SHAPE
+from common.protocol.step_fields import FRAME_SHAPE, MAX_ELAPSED
 from common.registry import foreign
 from common.run.config import RunConfig
 
@@ -99,12 +101,22 @@ class CheckedEnv(gymnasium.Wrapper[Any, Any, Any, Any], ShownEnv[Any, Any]):
         return observation, info
 
     def step(self, action: Any) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:
-        before = self._frames
         observation, reward, terminated, truncated, info = self.env.step(action)
+        before = self._frames
         if (self._checked(observation)[:-1] != before[1:]).any():
             raise InputError(
                 f"{self._name} changes older frames of a state: keep them and append the new one, "
                 "as the replay will."
+            )
+        if not abs(float(reward)) <= MAX_SIZE:  # nor NaN
+            raise InputError(
+                f"{self._name} gives the reward {reward}: give a number within ±{MAX_SIZE:g}."
+            )
+        elapsed = StepInfo.of(info).elapsed
+        if not 1 <= elapsed <= MAX_ELAPSED:
+            raise InputError(
+                f"{self._name} says that a step took {elapsed} agent steps: give 1 to "
+                f"{MAX_ELAPSED}; 0 is for a reset."
             )
         # If a time limit passes as the episode ends, Gymnasium's wrapper says both. It has ended.
         return observation, reward, terminated, truncated and not terminated, info
@@ -120,6 +132,11 @@ class CheckedEnv(gymnasium.Wrapper[Any, Any, Any, Any], ShownEnv[Any, Any]):
             raise InputError(
                 f"{self._name} gives a vector {list(vector.shape)}, and the settings say "
                 f"[{self._width}]: give that one, or change --play.vector."
+            )
+        if not (np.abs(vector) <= MAX_SIZE).all():
+            raise InputError(
+                f"{self._name} gives a vector with a number that is not within ±{MAX_SIZE:g}: "
+                "scale it, best to -1 to 1."
             )
         self._frames = frames.copy()  # an environment may reuse its array
         return self._frames

@@ -31,11 +31,14 @@ _GREY_NOISE = 0.67
 
 
 class FrameCamera:
-    """The camera of one game; ``rng`` seeds its noise and its losses."""
+    """The camera of one game; call `begin_game` first."""
 
-    def __init__(self, camera: CameraConfig, rng: Generator) -> None:
+    def __init__(self, camera: CameraConfig) -> None:
         self._light = StrayLight(camera, _PLACES, 1) if has_stray_light(camera) else None
         self._sensor = Sensor(replace(camera, noise=_GREY_NOISE * camera.noise), _SHAPE)
+
+    def begin_game(self, rng: Generator) -> None:
+        """Forgets all pictures; ``rng`` seeds the game's noise and losses."""
         self._sensor.begin_game(rng)
 
     def take(self, screen: NDArray[np.uint8], agent_steps: int) -> NDArray[np.uint8]:

@@ -90,14 +90,22 @@ class GameEnv(ShownEnv[Observation, np.int64]):
         return self._game.begin_episode(self.np_random, seeded=seeded, options=options or {})
 
     def _time_eye(
-        self, look: Callable[[NDArray[np.uint8]], NDArray[np.uint8]], screen: NDArray[np.uint8]
+        self,
+        look: Callable[[NDArray[np.uint8]], NDArray[np.uint8]],
+        shape: tuple[int, ...],
+        forget: Callable[[], None],
     ) -> None:
         """With ``play.equal_latency``, times the eye, so that hands and eye are equally late.
 
-        The arguments are those of `eye_latency`.
+        Call it before the first command of a game, which is already timed by that.
+
+        Args:
+            look, shape: those of `eye_latency`.
+            forget: makes the eye forget the pictures of the test.
         """
         if self._play.equal_latency:
-            self._world.see_late(eye_latency(look, screen) * self._play.frame_skip)
+            self._world.see_late(eye_latency(look, shape) * self._play.frame_skip)
+            forget()
 
     def _observation(self) -> Observation:
         frames, vector = self._frames.state, self._world.vector()

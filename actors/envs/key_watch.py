@@ -5,6 +5,7 @@ reaches the hands. Its time counts from when it was given, and later commands th
 their way do not end it.
 """
 
+import math
 from collections import deque
 
 from actors.robots.interface import Hands
@@ -37,6 +38,15 @@ class KeyWatch:
         self._tried = False
         """Whether a frame has passed since the hands got the command."""
         self._releasing = self._pressing = False
+        self._since = -math.inf
+        """Frame from which on commands are watched."""
+
+    def disregard(self) -> None:
+        """Forgets what was measured, and leaves out all commands of former frames, even if they
+        have not reached the hands yet."""
+        self._found.clear()
+        self._releasing = self._pressing = False
+        self._since = self._frame
 
     def give(self, ago: int = 0) -> None:
         """Notes that a command was given ``ago`` emulator frames ago.
@@ -51,14 +61,16 @@ class KeyWatch:
         They are to hold ``keys`` and now hold ``held``. The same keys once more are not a new
         command: the first one is still watched.
         """
-        age = self._frame - self._given.popleft()
+        given = self._given.popleft()
+        age = self._frame - given
         wanted, pressed = int(keys), int(held)
         if wanted == self._wanted:
             return
         self.give_up()
         self._wanted, self._age, self._tried = wanted, age, False
-        self._releasing = pressed & ~wanted != 0
-        self._pressing = wanted & ~pressed != 0
+        watched = given >= self._since
+        self._releasing = watched and pressed & ~wanted != 0
+        self._pressing = watched and wanted & ~pressed != 0
 
     def frame(self, felt: Keys) -> None:
         """Notes that the keys ``felt`` are pressed at the end of one more frame."""

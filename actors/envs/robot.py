@@ -3,6 +3,7 @@
 It knows robots only by the `Robot` protocol; `ClockConfig` says how time passes.
 """
 
+from collections import deque
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from functools import partial
@@ -15,6 +16,7 @@ from actors.envs.clock import Clock, Lockstep, RealTime
 from actors.envs.game import AtariGame
 from actors.envs.game_env import GameEnv
 from actors.envs.observation import Observation, shrink
+from actors.envs.phosphor import luminance
 from actors.envs.step_info import StepInfo
 from actors.envs.world import AgentStep, World
 from actors.robots.interface import Robot, ViewName
@@ -78,8 +80,11 @@ class RobotEnv(GameEnv):
         self.detector = ScreenDetector(camera.distortion)
         """The screen detector. Do not keep it: each new game replaces it."""
         self._seen: NDArray[np.uint8] | None = None
-        self._shown = self._shown_before = np.zeros(0, np.uint8)
-        """The game's own picture at the last detection, and at the one before."""
+        self._shown: deque[NDArray[np.uint8]] = deque(maxlen=1)
+        """The game's own pictures since that which the camera's last picture shows, oldest first.
+        """
+        self._shown_before = np.zeros(0, np.uint8)
+        """The oldest of them at the detection before."""
         self._unseen = 0
         """Agent steps since the last picture was taken."""
         self.detection = _UNSEEN
@@ -135,10 +140,13 @@ class RobotEnv(GameEnv):
             self._world.begin_game(self.conditions.play, self.np_random)
             # A seeded game may know nothing of an earlier one, not even where the screen was.
             self.detector = ScreenDetector(self.conditions.camera.distortion)
-            self._play_random_start()
             if self._play.eye == "camera":
                 look = partial(self.robot.camera_picture, agent_steps=1)
-                self._time_eye(look, self.emulator.screen_rgb())
+                begin = partial(self.robot.begin_game, self.conditions, self.np_random)
+                self._time_eye(look, (*self.emulator.screen_shape, 3), forget=begin)
+            self._play_random_start()
+            self._world.key_watch.disregard()  # no policy gave the commands of the random start
+            self._shown = deque(maxlen=self.conditions.camera.latency + 1)
         self._photograph(0)
         self._detect()
         self._frames.restart(self.detection.frame)
@@ -238,23 +246,23 @@ class RobotEnv(GameEnv):
     def _picture(self) -> NDArray[np.uint8]:
         passed, self._unseen = self._unseen, 0
         screen = self.emulator.screen_rgb()
-        self._shown = screen
+        if passed == 0 and self._shown:
+            self._shown.pop()  # a picture of the same moment
+        self._shown.append(screen)
         return self.robot.camera_picture(screen, passed)
 
     def _detect(self) -> None:
         if self._play.eye == "camera":
             before, self.detection = self.detection, self.detector.detect(self.seen)
-            if is_blank(self.detection.frame) and not is_blank(self._own_frame()):
+            shown = self._shown[0]
+            if is_blank(self.detection.frame) and not is_blank(shrink(luminance(shown))):
                 # The border is in place, but the game in it cannot be seen.
                 self.detection = self.detection._replace(valid=False)
             changed = not np.array_equal(before.frame, self.detection.frame)
-            self._follows = changed or np.array_equal(self._shown, self._shown_before)
-            self._shown_before = self._shown
+            self._follows = changed or np.array_equal(shown, self._shown_before)
+            self._shown_before = shown
         else:
-            self.detection = Detection(self._own_frame(), True, None)
-
-    def _own_frame(self) -> NDArray[np.uint8]:
-        return shrink(self.emulator.screen_grey())
+            self.detection = Detection(shrink(self.emulator.screen_grey()), True, None)
 
     def _play_random_start(self) -> None:
         count = self.np_random.integers(self._play.random_starts + 1)

@@ -31,7 +31,7 @@ class Hands(Protocol):
         """Sets out to hold exactly ``keys`` down."""
 
     def step_frame(self) -> Keys:
-        """Pass one emulator frame (1/60 s); returns the keys that are pressed at its end."""
+        """Passes one emulator frame (1/60 s); returns the keys that are pressed at its end."""
 
 
 class Robot(Hands, Protocol):
@@ -41,7 +41,8 @@ class Robot(Hands, Protocol):
     """
 
     def begin_game(self, conditions: Conditions, rng: Generator) -> None:
-        """Sets hands and eye as ``conditions`` say, before a game begins with `rest`.
+        """Sets hands and eye as ``conditions`` say, before a game begins with `rest`; the eye
+        forgets all earlier pictures.
 
         Args:
             rng: the game's generator; it seeds what changes within the game, such as noise.

@@ -17,6 +17,8 @@ from common.protocol.message import Array, dtype_of
 FRAME_SHAPE = (84, 84)
 FRAME_BYTES = math.prod(FRAME_SHAPE)
 """Size of a frame; a step in a chunk has one frame and little else."""
+MAX_ELAPSED = 255
+"""Maximum number of agent steps of game time in a step."""
 
 
 class StoredArray(Array):

@@ -28,14 +28,20 @@ def check_config(config: RunConfig) -> None:
     from_mapping(RunConfig, asdict(config), "")
     for entry, name, text in config.own_settings():
         check_own_settings(entry, text, name)
+    check_world(config)
+    _check_learning_rate(config)
+    _check_messages(config)
+    _check_replay(config)
+
+
+def check_world(config: RunConfig) -> None:
+    """Checks together the settings of what is played, by whom and how it is seen. Raises InputError
+    with the setting at fault and what to choose."""
     with foreign(f"`actions` of the environment {config.env!r}"):
         ENVIRONMENTS.find(config.env).actions(config)  # raises for an unknown game
     _check_ignored(config)
     check_ranges(config.play, config.camera, config.randomise)
     _check_hands(config)
-    _check_learning_rate(config)
-    _check_messages(config)
-    _check_replay(config)
 
 
 def check_robot(before: RunConfig, config: RunConfig) -> None:

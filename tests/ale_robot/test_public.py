@@ -3,6 +3,7 @@
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -11,6 +12,8 @@ import pytest
 import ale_robot
 from common.errors import InputError
 from common.games import GAMES
+from common.run.conditions import CameraConfig, PlayConfig
+from common.run.ranges import RandomiseConfig
 from tests.paths import ROOT
 
 
@@ -49,6 +52,29 @@ def test_a_shipped_policy_plays_in_its_own_environment() -> None:
     assert values.shape == (6,)
     assert policy.act(observation) == int(np.argmax(values))
     assert all(ale_robot.load_policy("ale_pong", epsilon=1.0).act(observation) < 6 for _ in "ab")
+
+
+@pytest.mark.parametrize(
+    ("name", "settings", "told"),
+    [
+        (
+            "Pong-Emulator",
+            {"camera": CameraConfig(distortion=0.06)},
+            r"camera\.distortion is 0\.06",
+        ),
+        (
+            "Pong-Emulator",
+            {"randomise": RandomiseConfig(distortion=0.1)},
+            "randomise.distortion is",
+        ),
+        ("Pong", {"play": PlayConfig(robot="nobody")}, "there is no robot 'nobody'"),
+    ],
+)
+def test_settings_without_effect_are_told_to_gymnasium_too(
+    name: str, settings: dict[str, Any], told: str
+) -> None:
+    with pytest.raises(InputError, match=told):
+        gymnasium.make(f"ale_robot:ALERobot/{name}-v0", **settings)
 
 
 def test_what_is_no_policy_is_told(tmp_path: Path) -> None:

@@ -1,6 +1,7 @@
 """Another environment: a class, and its entry in the registry."""
 
 import io
+import math
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -189,6 +190,42 @@ def test_a_time_limit_that_passes_as_the_game_ends_is_none(limit: int) -> None:
     ends = [env.step(0)[2:4] for _ in range(limit)]
     assert ends[:-1] == [(False, False)] * (limit - 1)
     assert ends[-1] == (limit == GAME_STEPS, limit < GAME_STEPS)
+
+
+@pytest.mark.parametrize(
+    ("reward", "elapsed", "told"),
+    [
+        (math.nan, 1, r"gives the reward nan: give a number within ±1e\+09\."),
+        (-2e9, 1, r"gives the reward -2000000000\.0: give a number"),
+        (1.0, 0, r"says that a step took 0 agent steps: give 1 to 255; 0 is for a reset\."),
+        (1.0, 256, r"says that a step took 256 agent steps: give 1 to 255"),
+    ],
+)
+def test_a_step_that_no_chunk_can_carry_is_refused_where_it_is_made(
+    reward: float, elapsed: int, told: str
+) -> None:
+    class Wrong(Lamps):
+        def step(self, action: Any) -> Any:
+            observation, _, *ends, info = super().step(action)
+            return observation, reward, *ends, {**info, "elapsed": elapsed}
+
+    with pytest.raises(InputError, match=f"^the environment lamps {told}"):
+        shown(Wrong(CONFIG.play), 1)
+
+
+@pytest.mark.parametrize("number", [math.nan, math.inf, -2e9])
+def test_a_vector_that_no_chunk_can_carry_is_refused_where_it_is_made(number: float) -> None:
+    class Wrong(Lamps):
+        def reset(self, **settings: Any) -> Any:
+            frames, info = super().reset(**settings)
+            return {"frames": frames, "vector": np.array([0.0, number], np.float32)}, info
+
+    config = replace(CONFIG, play=replace(CONFIG.play, vector=True))
+    with added(ENVIRONMENTS, replace(LAMPS, vector_width=lambda play: 2)):
+        env = CheckedEnv(Wrong(config.play), config)
+    told = r"^the environment lamps gives a vector with a number that is not within ±1e\+09"
+    with pytest.raises(InputError, match=told):
+        env.reset(seed=1)
 
 
 def test_what_it_renders_is_shown_between_margins_and_at_its_own_rate() -> None:

@@ -54,6 +54,31 @@ def test_from_one_key_to_another() -> None:
     ]
 
 
+def test_what_was_commanded_before_is_left_out_even_if_it_reaches_the_hands_later() -> None:
+    watch = KeyWatch()
+    give(watch, UP, NONE)
+    watch.frame(UP)
+    give(watch, DOWN, UP)  # under way
+    watch.give()  # not yet at the hands
+    watch.frame(UP)
+    watch.disregard()
+    watch.frame(NONE)
+    watch.frame(DOWN)
+    watch.command(FIRE, DOWN)
+    watch.frame(FIRE)
+    assert told(watch) == []
+    give(watch, UP, FIRE)
+    watch.frame(NONE)
+    watch.frame(UP)
+    assert told(watch) == [("release", "reached", 1), ("press", "reached", 2)]
+    watch.disregard()
+    watch.restart()
+    watch.give(5)  # by hands that wait; a new game leaves out nothing
+    watch.command(DOWN, NONE)
+    watch.frame(DOWN)
+    assert told(watch) == [("press", "reached", 6)]
+
+
 def test_only_what_has_to_change_is_measured() -> None:
     script = [(UP, [UP]), (UP | FIRE, [UP, UP | FIRE]), (FIRE, [FIRE]), (NONE, [FIRE, NONE])]
     assert watched(script) == [

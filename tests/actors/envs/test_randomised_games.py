@@ -228,7 +228,9 @@ def test_glare_shines_where_it_would_on_the_robots_screen() -> None:
     x, y = (GAME_IN_PICTURE[0] + 0.25 * span).tolist()
     settings = CameraConfig(glare=0.5, glare_x=x, glare_y=y)
     black: NDArray[np.uint8] = np.zeros((210, 160), np.uint8)
-    seen = FrameCamera(settings, np.random.default_rng(0)).take(black, 0)
+    camera = FrameCamera(settings)
+    camera.begin_game(np.random.default_rng(0))
+    seen = camera.take(black, 0)
     assert seen[20:22, 20:22] == pytest.approx(127, abs=1)
     # One standard deviation to the right: 0.15 of a picture that is 1.16 games wide.
     away = round(20.5 + 0.15 * 1.16 * 84)

@@ -155,11 +155,38 @@ def test_a_black_game_within_its_border_is_not_seen(
     black = np.zeros((rows, columns, 3), np.uint8)
     assert env.step(0)[4]["valid_frame"]
     with monkeypatch.context() as dark:
-        dark.setattr(env.emulator, "screen_rgb", lambda: black)
+        take = env.robot.camera_picture
+        dark.setattr(env.robot, "camera_picture", lambda screen, passed: take(black, passed))
         assert not env.step(0)[4]["valid_frame"]
-        dark.setattr(env.emulator, "screen_grey", lambda: black[:, :, 0])
+        dark.setattr(env.emulator, "screen_rgb", lambda: black)
         assert env.step(0)[4]["valid_frame"]  # the game itself shows nothing
     assert env.step(0)[4]["valid_frame"]
+
+
+@pytest.mark.parametrize(("most", "over"), [(300, False), (2_000, True)])
+def test_lives_and_games_that_a_random_start_loses_end_no_episode(most: int, over: bool) -> None:
+    """Even if the game ended, and it is played from its very beginning instead."""
+    play = PlayConfig(
+        random_starts=most,
+        hand="model",
+        eye="emulator",
+        minimal_actions=True,
+        vector=True,
+        vector_joints=False,
+    )
+    env = RobotEnv("breakout", play=play, training=True)
+    met = False
+    for seed in range(6):
+        observation, info = env.reset(seed=seed)
+        anew = info["game_steps"] == 0
+        met |= anew if over else env.emulator.lives < 5
+        if anew:
+            assert (env.pressed, env.wanted) == (Keys.NONE, Keys.NONE)
+            assert isinstance(observation, dict)
+            assert not observation["vector"].any()
+        assert env.step(0)[2:4] == (False, False)
+    assert met
+    env.close()
 
 
 def test_pressed_keys_play_the_game(env: RobotEnv) -> None:
