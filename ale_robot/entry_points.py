@@ -12,7 +12,7 @@ from actors.envs.robot import RobotEnv
 from actors.vision.layout import ASPECT
 from common.errors import InputError
 from common.run.config import RunConfig
-from common.run.rules import check_world
+from common.run.rules import check_ignored
 from viewer.terminal.rendering import TerminalRendering
 
 
@@ -37,11 +37,11 @@ class EntryPoint:
         """Makes the environment.
 
         Raises:
-            InputError: ``settings`` cannot work, or have no effect in this environment; or standard
+            InputError: ``settings`` have no effect in this environment, or cannot work; or standard
                 output is not a terminal, and render_mode is "human".
         """
         known = {each.name for each in fields(RunConfig)} & settings.keys()
-        check_world(RunConfig(env=self._name, **{name: settings[name] for name in known}))
+        check_ignored(RunConfig(env=self._name, **{name: settings[name] for name in known}))
         human = render_mode == "human"
         if human and (sys.stdout is None or not sys.stdout.isatty()):
             raise InputError(

@@ -1,7 +1,6 @@
 """ALE-Only: the agent plays on the emulator itself, without robot or camera (figure 2 of 2017)."""
 
 from dataclasses import replace
-from functools import partial
 from typing import Any, Self
 
 import numpy as np
@@ -90,10 +89,8 @@ class AtariEnv(GameEnv):
             self._camera = None
             if camera != PERFECT_CAMERA:
                 self._camera = FrameCamera(camera)
-                begin = partial(self._camera.begin_game, self.np_random)
-                begin()
-                look = partial(self._camera.take, agent_steps=1)
-                self._time_eye(look, self.emulator.screen_shape, forget=begin)
+                self._camera.begin_game(self.np_random)
+                self._time_eye(self._camera.latency)
         self._frames.restart(self._frame(0))
         return self._observation(), StepInfo(*self._game.standing, elapsed=0)._asdict()
 

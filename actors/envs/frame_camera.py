@@ -5,12 +5,14 @@ robot's camera, so equal noise and blur do as much to the 84×84 frame as they d
 """
 
 from dataclasses import replace
+from functools import partial
 
 import cv2
 import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
+from actors.envs.eye_timing import eye_latency
 from actors.envs.observation import shrink
 from actors.robots.room.sensor import Sensor
 from actors.vision.layout import GAME_IN_PICTURE
@@ -40,6 +42,13 @@ class FrameCamera:
     def begin_game(self, rng: Generator) -> None:
         """Forgets all pictures; ``rng`` seeds the game's noise and losses."""
         self._sensor.begin_game(rng)
+
+    def latency(self, rng: Generator) -> int:
+        """Returns the latency of the frames in agent steps, as `eye_latency` measures it. The game
+        begins anew by ``rng``, so that no frame of the test is left."""
+        found = eye_latency(partial(self.take, agent_steps=1), (_ROWS, _COLUMNS))
+        self.begin_game(rng)
+        return found
 
     def take(self, screen: NDArray[np.uint8], agent_steps: int) -> NDArray[np.uint8]:
         """Returns the frame ``uint8 [84, 84]`` that the camera makes of the grey ``screen``.

@@ -6,10 +6,10 @@ from typing import Any
 
 import gymnasium
 import numpy as np
+from numpy.random import Generator
 from numpy.typing import NDArray
 
 from actors.envs.emulator import Emulator
-from actors.envs.eye_timing import eye_latency
 from actors.envs.game import AtariGame
 from actors.envs.observation import FrameStack, Observation, observation_space
 from actors.envs.shown_env import ShownEnv
@@ -89,23 +89,16 @@ class GameEnv(ShownEnv[Observation, np.int64]):
         seeded = seed is not None
         return self._game.begin_episode(self.np_random, seeded=seeded, options=options or {})
 
-    def _time_eye(
-        self,
-        look: Callable[[NDArray[np.uint8]], NDArray[np.uint8]],
-        shape: tuple[int, ...],
-        forget: Callable[[], None],
-    ) -> None:
-        """With ``play.equal_latency``, times the eye, so that hands and eye are equally late.
+    def _time_eye(self, latency: Callable[[Generator], int]) -> None:
+        """With ``play.equal_latency``, makes hands and eye equally late.
 
         Call it before the first command of a game, which is already timed by that.
 
         Args:
-            look, shape: those of `eye_latency`.
-            forget: makes the eye forget the pictures of the test.
+            latency: returns the eye's latency in agent steps, from the game's generator.
         """
         if self._play.equal_latency:
-            self._world.see_late(eye_latency(look, shape) * self._play.frame_skip)
-            forget()
+            self._world.see_late(latency(self.np_random) * self._play.frame_skip)
 
     def _observation(self) -> Observation:
         frames, vector = self._frames.state, self._world.vector()

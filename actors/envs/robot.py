@@ -3,32 +3,28 @@
 It knows robots only by the `Robot` protocol; `ClockConfig` says how time passes.
 """
 
-from collections import deque
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
-from functools import partial
 from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from actors.envs.clock import Clock, Lockstep, RealTime
+from actors.envs.eye import Eye
 from actors.envs.game import AtariGame
 from actors.envs.game_env import GameEnv
-from actors.envs.observation import Observation, shrink
-from actors.envs.phosphor import luminance
+from actors.envs.observation import Observation
 from actors.envs.step_info import StepInfo
 from actors.envs.world import AgentStep, World
 from actors.robots.interface import Robot, ViewName
-from actors.vision.screen_detector import Detection, ScreenDetector, is_blank
-from common.protocol.step_fields import FRAME_SHAPE
+from actors.vision.screen_detector import Detection
 from common.registry import ROBOTS
 from common.run.clock import ClockConfig
 from common.run.conditions import DEFAULT_PLAY, PERFECT_CAMERA, CameraConfig, PlayConfig
 from common.run.config import RunConfig
 from common.run.ranges import NOTHING_DRAWN, RandomiseConfig
 
-_UNSEEN = Detection(np.zeros(FRAME_SHAPE, np.uint8), False, None)
 LOCKSTEP = ClockConfig()
 
 
@@ -77,20 +73,7 @@ class RobotEnv(GameEnv):
         """The robot and everything around it."""
         world = World(self.robot, console, play, joints, self.robot.proprioception)
         super().__init__(console, world, play, render_mode, joints)
-        self.detector = ScreenDetector(camera.distortion)
-        """The screen detector. Do not keep it: each new game replaces it."""
-        self._seen: NDArray[np.uint8] | None = None
-        self._shown: deque[NDArray[np.uint8]] = deque(maxlen=1)
-        """The game's own pictures since that which the camera's last picture shows, oldest first.
-        """
-        self._shown_before = np.zeros(0, np.uint8)
-        """The oldest of them at the detection before."""
-        self._unseen = 0
-        """Agent steps since the last picture was taken."""
-        self.detection = _UNSEEN
-        """The game as detected in the last picture."""
-        self._follows = True
-        """Whether the frame changed since the last detection, or the game's own picture did not."""
+        self._eye = Eye(self.robot, console, play.eye)
         self._clock: Clock = (
             Lockstep(self._world) if clock.sync else RealTime(self._world, clock.speed)
         )
@@ -118,11 +101,14 @@ class RobotEnv(GameEnv):
 
     @property
     def seen(self) -> NDArray[np.uint8]:
-        """The camera's last picture, ``[240, 320, 3]``."""
-        if self._seen is None:
-            with self.still():
-                self._seen = self._picture()
-        return self._seen
+        """The camera's last picture, ``uint8 [240, 320, 3]``."""
+        with self.still():
+            return self._eye.picture
+
+    @property
+    def detection(self) -> Detection:
+        """The game as detected in the last picture."""
+        return self._eye.detection
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -138,18 +124,11 @@ class RobotEnv(GameEnv):
         if self._begin_episode(seed, options):
             self.robot.begin_game(self.conditions, self.np_random)
             self._world.begin_game(self.conditions.play, self.np_random)
-            # A seeded game may know nothing of an earlier one, not even where the screen was.
-            self.detector = ScreenDetector(self.conditions.camera.distortion)
-            if self._play.eye == "camera":
-                look = partial(self.robot.camera_picture, agent_steps=1)
-                begin = partial(self.robot.begin_game, self.conditions, self.np_random)
-                self._time_eye(look, (*self.emulator.screen_shape, 3), forget=begin)
+            self._eye.begin_game()
+            self._time_eye(self._eye.latency)
             self._play_random_start()
             self._world.key_watch.disregard()  # no policy gave the commands of the random start
-            self._shown = deque(maxlen=self.conditions.camera.latency + 1)
-        self._photograph(0)
-        self._detect()
-        self._frames.restart(self.detection.frame)
+        self._frames.restart(self._eye.look(0))
         observation, info = self._observation(), self._info([], 0, ())
         self._clock.start()
         return observation, info
@@ -160,22 +139,19 @@ class RobotEnv(GameEnv):
         with self.still():
             agent_steps = self._clock.command(self._game.action(action))
             missed = len(agent_steps)
-            photographed = 0
+            told = 0  # agent steps of which the eye knows
             while not agent_steps or not agent_steps[-1].ended:
                 agent_steps += self._clock.pass_agent_step()
                 waited = len(agent_steps) - missed
                 if self._obeyed(agent_steps[-1]) or waited >= self._most_agent_steps:
                     break
-                if self._needs_each_picture:
-                    self._photograph(len(agent_steps) - photographed)
-                    photographed = len(agent_steps)
+                self._eye.wait(len(agent_steps) - told)
+                told = len(agent_steps)
             last = agent_steps[-1]
             # Unless the agent waits, the command is for one agent step, and later ones are missed.
             obeying = agent_steps[missed : None if self.clock.wait_action else missed + 1]
             kept = sum(not agent_step.late for agent_step in obeying)
-            self._photograph(len(agent_steps) - photographed)
-            self._detect()
-            self._frames.push(self.detection.frame)
+            self._frames.push(self._eye.look(len(agent_steps) - told))
             info = self._info(agent_steps, len(agent_steps) - kept, self._world.key_watch.take())
             reward = self._reward(agent_steps)
             return self._observation(), reward, last.terminated, last.truncated, info
@@ -221,7 +197,7 @@ class RobotEnv(GameEnv):
         return StepInfo(
             *self._game.standing,
             valid_frame=self.detection.valid,
-            frame_follows=self._follows,
+            frame_follows=self._eye.follows,
             keys_match=obeyed,
             elapsed=len(agent_steps),
             gave_up=self.clock.wait_action and not (obeyed or agent_steps[-1].ended),
@@ -229,40 +205,6 @@ class RobotEnv(GameEnv):
             late_frames=late,
             key_times=key_times,
         )._asdict()
-
-    @property
-    def _needs_each_picture(self) -> bool:
-        """Whether a later picture may be one that was taken at this agent step."""
-        camera = self.conditions.camera
-        return camera.latency > 0 or camera.dropped > 0
-
-    def _photograph(self, agent_steps: int) -> None:
-        """Takes a picture; ``agent_steps`` have passed since the last time."""
-        self._unseen += agent_steps
-        # Drawing takes a tenth of an agent step, so it is skipped where only a person might look.
-        looks = self._play.eye == "camera" or self._needs_each_picture
-        self._seen = self._picture() if looks else None
-
-    def _picture(self) -> NDArray[np.uint8]:
-        passed, self._unseen = self._unseen, 0
-        screen = self.emulator.screen_rgb()
-        if passed == 0 and self._shown:
-            self._shown.pop()  # a picture of the same moment
-        self._shown.append(screen)
-        return self.robot.camera_picture(screen, passed)
-
-    def _detect(self) -> None:
-        if self._play.eye == "camera":
-            before, self.detection = self.detection, self.detector.detect(self.seen)
-            shown = self._shown[0]
-            if is_blank(self.detection.frame) and not is_blank(shrink(luminance(shown))):
-                # The border is in place, but the game in it cannot be seen.
-                self.detection = self.detection._replace(valid=False)
-            changed = not np.array_equal(before.frame, self.detection.frame)
-            self._follows = changed or np.array_equal(shown, self._shown_before)
-            self._shown_before = shown
-        else:
-            self.detection = Detection(shrink(self.emulator.screen_grey()), True, None)
 
     def _play_random_start(self) -> None:
         count = self.np_random.integers(self._play.random_starts + 1)

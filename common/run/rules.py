@@ -28,20 +28,14 @@ def check_config(config: RunConfig) -> None:
     from_mapping(RunConfig, asdict(config), "")
     for entry, name, text in config.own_settings():
         check_own_settings(entry, text, name)
-    check_world(config)
+    with foreign(f"`actions` of the environment {config.env!r}"):
+        ENVIRONMENTS.find(config.env).actions(config)  # raises for an unknown game
+    check_ignored(config)
+    check_ranges(config.play, config.camera, config.randomise)
+    _check_hands(config)
     _check_learning_rate(config)
     _check_messages(config)
     _check_replay(config)
-
-
-def check_world(config: RunConfig) -> None:
-    """Checks together the settings of what is played, by whom and how it is seen. Raises InputError
-    with the setting at fault and what to choose."""
-    with foreign(f"`actions` of the environment {config.env!r}"):
-        ENVIRONMENTS.find(config.env).actions(config)  # raises for an unknown game
-    _check_ignored(config)
-    check_ranges(config.play, config.camera, config.randomise)
-    _check_hands(config)
 
 
 def check_robot(before: RunConfig, config: RunConfig) -> None:
@@ -53,7 +47,7 @@ def check_robot(before: RunConfig, config: RunConfig) -> None:
         raise InputError(f"--robot {play.robot} is for a robot, and --env {env} has none: omit it.")
 
 
-def _check_ignored(config: RunConfig) -> None:
+def check_ignored(config: RunConfig) -> None:
     """Refuses settings that have no effect in the environment, unless they have their defaults."""
     defaults = RunConfig()
     for name in ignored_in(config.env):

@@ -13,9 +13,10 @@ import pytest
 
 import viewer.check
 from actors.envs.ale import AtariEnv
-from actors.envs.robot import RobotEnv
+from actors.envs.eye import Eye
 from actors.robots.latency import Change
 from actors.robots.nao.assembly import write_nao
+from actors.vision.screen_detector import ScreenDetector
 from common.errors import InputError
 from common.network import build_network
 from common.process.command_line import parse
@@ -376,14 +377,14 @@ def test_check_is_red_for_a_robot_that_is_blind(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Its detector is shown a grey wall, as in 2017, when nobody was told."""
-    detect = RobotEnv._detect
+    detect = Eye._detect
 
-    def look_at_a_wall(env: RobotEnv) -> None:
-        detect(env)
-        env._seen = np.full_like(env.seen, 128)
-        env.detection = env.detector.__class__().detect(env.seen)
+    def look_at_a_wall(eye: Eye) -> None:
+        detect(eye)
+        eye._picture = np.full_like(eye.picture, 128)
+        eye.detection = ScreenDetector().detect(eye.picture)
 
-    monkeypatch.setattr(RobotEnv, "_detect", look_at_a_wall)
+    monkeypatch.setattr(Eye, "_detect", look_at_a_wall)
     assert command(monkeypatch, "check", "-o", str(tmp_path / "p.png")) == 1
     said = capsys.readouterr().out
     assert said.count("red:") == 3

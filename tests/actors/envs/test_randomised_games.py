@@ -49,7 +49,7 @@ def settings_of(env: RobotEnv) -> tuple[Any, ...]:
         nao.camera,
         env._world._hands._latency,  # type: ignore[attr-defined]
         env.emulator.sticky,
-        env.detector._distortion,
+        env._eye._detector._distortion,
     )
 
 
