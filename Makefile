@@ -113,7 +113,7 @@ figures: setup  ## draw the figures of docs/ from the results
 	$(PLOT) --figure delay $(RESULTS)/late_keys.csv -o docs/late_keys.png \
 		--names "trained without latency (ale_pong)" "trained with 33 ms of latency (R2)"
 	$(PLOT) --figure press $(RESULTS)/press_latency.json -o docs/press_latency.png
-	$(PLOT) --figure race $(addprefix $(RESULTS)/race_,ale.json robot.json robot_whole.json) \
+	$(PLOT) --figure race $(addprefix $(RESULTS)/race_,ale_short.json robot_short.json robot_whole.json) \
 		-o docs/race.png
 	$(PLOT) --figure robustness $(patsubst %,$(RESULTS)/robustness_robot_pong_%.json,sticky worlds robust_sticky) -o docs/robustness.png
 	$(PLOT) --figure robustness $(wildcard $(RESULTS)/latency_*.json) -o docs/latency.png

@@ -23,7 +23,7 @@ from torch.profiler import ProfilerActivity, profile
 from benchmarks.child import scratch
 from benchmarks.layers import layers_of, time_layers
 from benchmarks.pace import in_turns
-from benchmarks.peer_update import noise_batch
+from benchmarks.peer_update import DOUBLE_DQN, noise_batch
 from benchmarks.random_play import random_play
 from benchmarks.replay import draw
 from benchmarks.report import BenchmarkOptions, Report, Table, main
@@ -36,7 +36,6 @@ from learner.algorithm.interface import Algorithm, DeviceBatch, build_algorithm
 from learner.device import Device, DeviceChoice, choose_device
 from learner.prefetch import to_device
 
-_CONFIG = PRESETS["fast"]
 _ACTIONS = 6
 _CPU = torch.device("cpu")
 _RANDOM_STEPS = 4_000
@@ -56,7 +55,7 @@ _KINDS: dict[str, tuple[str, ...]] = {
 
 @dataclass(frozen=True)
 class Options(BenchmarkOptions):
-    """Time updates of the fast preset's Double DQN."""
+    """Time updates of Double DQN, or of the fast preset's own algorithm and layers."""
 
     device: DeviceChoice = "cpu"
     """Hardware; 'auto' takes CUDA if available."""
@@ -68,14 +67,17 @@ class Options(BenchmarkOptions):
     """Updates per turn."""
     compared: Annotated[int, Ge(0)] = 1_000
     """Number of updates for comparing bfloat16 with float32; 0 for no comparison."""
+    preset: bool = False
+    """The fast preset's QR-DQN of frame differences, with layer normalisation, instead of a Double
+    DQN of plain frames, which other libraries have too."""
+
+    @property
+    def config(self) -> RunConfig:
+        return PRESETS["fast"] if self.preset else DOUBLE_DQN
 
 
 def algorithm_of(
-    bfloat16: bool,
-    device: torch.device = _CPU,
-    config: RunConfig = _CONFIG,
-    *,
-    graphs: bool = False,
+    config: RunConfig, bfloat16: bool, device: torch.device = _CPU, *, graphs: bool = False
 ) -> Algorithm:
     """Returns the run's algorithm with its initial weights."""
     network = build_network(config, _ACTIONS)
@@ -88,7 +90,7 @@ def time_settings(options: Options, device: torch.device) -> list[dict[str, Any]
     threads = [1] if cuda else sorted({1, len(os.sched_getaffinity(0))})
     kinds = list(itertools.product((False, True), (False, True) if cuda else (False,)))
     algorithms = {
-        (bfloat16, graphs): algorithm_of(bfloat16, device, graphs=graphs)
+        (bfloat16, graphs): algorithm_of(options.config, bfloat16, device, graphs=graphs)
         for bfloat16, graphs in kinds
     }
 
@@ -125,7 +127,8 @@ def time_settings(options: Options, device: torch.device) -> list[dict[str, Any]
 def time_kinds(options: Options, *, bfloat16: bool) -> list[dict[str, Any]]:
     """Returns a row for each kind of work in an update on one thread, and for the rest."""
     torch.set_num_threads(1)
-    batch, algorithm = noise_batch(options.batch_size, _CPU), algorithm_of(bfloat16)
+    batch = noise_batch(options.batch_size, _CPU)
+    algorithm = algorithm_of(options.config, bfloat16)
     for _ in range(options.turn):
         algorithm.update(algorithm.prepare(batch))
     with profile(activities=[ProfilerActivity.CPU]) as profiled:
@@ -149,16 +152,18 @@ def losses(algorithm: Algorithm, batches: Sequence[DeviceBatch], updates: int) -
     return total / updates
 
 
-def compare_precisions(updates: int, device: torch.device) -> list[dict[str, Any]]:
+def compare_precisions(
+    config: RunConfig, updates: int, device: torch.device
+) -> list[dict[str, Any]]:
     """Returns a row for each precision."""
     torch.set_num_threads(1)
     with scratch() as folder:
-        memory = random_play(_CONFIG, _RANDOM_STEPS, folder / "replay")
+        memory = random_play(config, _RANDOM_STEPS, folder / "replay")
         batches = [to_device(draw(memory), device) for _ in range(min(updates, 500))]
         memory.close()
-    often = replace(_CONFIG, learning=replace(_CONFIG.learning, target_update_period=100))
+    often = replace(config, learning=replace(config.learning, target_update_period=100))
     found = {
-        name: losses(algorithm_of(bfloat16, device, often), batches, updates)
+        name: losses(algorithm_of(often, bfloat16, device), batches, updates)
         for name, bfloat16 in (("float32", False), ("bfloat16", True))
     }
     return [
@@ -177,13 +182,14 @@ def measure(options: Options) -> Report:
     chosen = choose_device(options.device, "auto")
     device = chosen.torch
     updates = options.rounds * options.turn
-    title = f"Double DQN update, batch {options.batch_size}, 84×84×4, {updates} updates each"
+    kind = "The fast preset's" if options.preset else "Double DQN"
+    title = f"{kind} update, batch {options.batch_size}, 84×84×4, {updates} updates each"
     tables = {"rows": Table(title, time_settings(options, device))}
     if device.type == "cpu":
         precision = "bfloat16" if chosen.bfloat16 else "float32"
         kinds = f"The same in {precision} on one thread, by kind of work"
         tables["kinds"] = Table(kinds, time_kinds(options, bfloat16=chosen.bfloat16))
-        network = build_network(_CONFIG, _ACTIONS)
+        network = build_network(options.config, _ACTIONS)
         dtype = torch.bfloat16 if chosen.bfloat16 else torch.float32
         alone = list(layers_of(network, options.batch_size, dtype))
         tables["layers"] = Table(
@@ -192,7 +198,9 @@ def measure(options: Options) -> Report:
         )
     if options.compared:
         precisions = "bfloat16 against float32, the same minibatches of real frames"
-        tables["precisions"] = Table(precisions, compare_precisions(options.compared, device))
+        tables["precisions"] = Table(
+            precisions, compare_precisions(options.config, options.compared, device)
+        )
     rows = {name: table.rows for name, table in tables.items()}
     return Report(list(tables.values()), {"title": title, **rows})
 

@@ -2,6 +2,7 @@
 
 import copy
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import torch
@@ -15,6 +16,18 @@ from learner.device import choose_device
 from learner.prefetch import to_device
 from replay.batch import Batch
 
+_FAST = PRESETS["fast"]
+DOUBLE_DQN = replace(
+    _FAST,
+    learning=replace(
+        _FAST.learning,
+        algorithm="dqn",
+        initial_weights="torch",
+        layer_norm=False,
+        frame_differences=False,
+    ),
+)
+"""The fast preset, with the algorithm and the layers that other libraries have too."""
 _ACTIONS = 6
 _SIZE = 32
 
@@ -41,9 +54,8 @@ def noise_batch(size: int, device: torch.device) -> DeviceBatch:
 
 def ours() -> Callable[[], float]:
     """Returns the learner's update, on the device and in the precision that it chooses itself."""
-    config = PRESETS["fast"]
     device = choose_device("auto", "auto")
-    algorithm = build_algorithm(config, build_network(config, _ACTIONS), device)
+    algorithm = build_algorithm(DOUBLE_DQN, build_network(DOUBLE_DQN, _ACTIONS), device)
     batch = noise_batch(_SIZE, device.torch)
 
     def action() -> float:
@@ -54,7 +66,7 @@ def ours() -> Callable[[], float]:
 
 def eager() -> Callable[[], float]:
     """Returns a textbook update with the same network, loss and optimizer, on the same device."""
-    learning = PRESETS["fast"].learning
+    learning = DOUBLE_DQN.learning
     device = choose_device("auto", "float32").torch
     online = nn.Sequential(
         nn.Conv2d(4, 32, 8, stride=4),

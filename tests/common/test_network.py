@@ -292,7 +292,9 @@ def test_what_distinguishes_pictures_reaches_the_hidden_units_with_hes_weights(
 
 
 def test_the_seed_of_the_run_makes_the_first_weights() -> None:
-    config = PRESETS["fast"]
+    # Drawn by PyTorch, biases too; He's are 0.
+    fast = PRESETS["fast"]
+    config = replace(fast, learning=replace(fast.learning, initial_weights="torch"))
     torch.manual_seed(5)
     one = build_network(config, 6).state_dict()
     torch.manual_seed(6)
@@ -300,7 +302,7 @@ def test_the_seed_of_the_run_makes_the_first_weights() -> None:
     third = build_network(replace(config, seed=2), 6).state_dict()
     for name, weight in one.items():
         assert torch.equal(weight, other[name])
-        assert not torch.equal(weight, third[name])
+        assert torch.equal(weight, third[name]) == name.startswith("norm.")
 
 
 def test_building_leaves_the_random_state_alone() -> None:

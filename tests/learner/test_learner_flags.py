@@ -77,6 +77,7 @@ def test_local_actors_get_the_mode_that_was_asked_for(mode: list[str]) -> None:
     assert again.clock.flags() == options.clock.flags()
 
 
+DQN = ("--learning.algorithm", "dqn")
 QR = ("--learning.algorithm", "qr_dqn")
 
 
@@ -99,7 +100,10 @@ QR = ("--learning.algorithm", "qr_dqn")
         (["--local", "--envs", "257"], r"--envs is 257: choose at most 256\."),
         (["--replay.priority-exponent=90"], r"priority_exponent is 90.0: choose at most 1\."),
         (["--replay.importance-exponent=90"], r"importance_exponent is 90.0: choose at most 1\."),
-        (["--learning.quantiles", "9"], "--learning.quantiles means nothing to the algorithm dqn"),
+        (
+            [*DQN, "--learning.quantiles", "9"],
+            "--learning.quantiles means nothing to the algorithm dqn",
+        ),
         ([*QR, "--learning.loss", "mse"], "--learning.loss means nothing to the algorithm qr_dqn"),
         ([*QR, "--learning.loss-mean-over=outputs"], "--learning.loss-mean-over means nothing to"),
         (
@@ -129,7 +133,9 @@ def test_presets_and_runs_may_have_what_the_algorithm_ignores() -> None:
     paper = learner("--preset", "paper", *QR, "--learning.quantiles", "9").config.learning
     assert (paper.loss, paper.loss_mean_over, paper.quantiles) == ("mse", "outputs", 9)
     fast = PRESETS["fast"]
-    begun = replace(fast, learning=replace(fast.learning, quantiles=9))  # before it was refused
+    begun = replace(
+        fast, learning=replace(fast.learning, algorithm="dqn", quantiles=9)
+    )  # before it was refused
     parse_run(LearnerOptions, "learner", ["--resume", "--run", "r"], lambda _: begun)[0].check()
     assert learner("--stall-minutes", "inf").stall_minutes == float("inf")
 
@@ -410,7 +416,7 @@ def test_a_run_that_has_its_demonstrations_goes_on_without_their_package(
 @pytest.mark.parametrize(
     ("trained", "flags", "advice"),
     [
-        (QR, ("--learning.algorithm", "dqn"), "add --learning.algorithm qr_dqn"),
+        (QR, DQN, "add --learning.algorithm qr_dqn"),
         (("--play.vector",), (), "add --play.vector"),
         (
             ("--learning.no-center-pixels",),

@@ -37,25 +37,30 @@ def changed(setting: str, value: Any) -> RunConfig:
         ("game", "breakout", "6 actions, .* 4 .*: add --game pong, or name a network of breakout"),
         ("play.minimal_actions", False, r"6 actions, .* 18 actions: add --play\.minimal-actions"),
         ("play.frame_stack", 3, r"4 frames per state, .* 3 frames .*: add --play\.frame-stack 4"),
-        ("learning.network", "nips", r"of nature, .* of nips: add --learning\.network nature"),
+        (
+            *("learning.network", "nips"),
+            r"of nature, normalised, .* of nips, normalised: add --learning\.network nature",
+        ),
         (
             *("learning.center_pixels", False),
-            r"pixels that are scaled and centred, .* scaled: add --learning\.center-pixels",
+            r"pixels that are scaled, centred and differenced, .* scaled and differenced: "
+            r"add --learning\.center-pixels",
         ),
         (
             *("learning.scale_pixels", False),
-            r"pixels that are scaled and centred, .* centred: add --learning\.scale-pixels",
+            r"scaled, centred and differenced, .* centred and differenced: "
+            r"add --learning\.scale-pixels",
         ),
         (
-            *("learning.frame_differences", True),
-            r"scaled and centred, .* scaled, centred and differenced: "
-            r"add --learning\.no-frame-differences",
+            *("learning.frame_differences", False),
+            r"scaled, centred and differenced, .* scaled and centred: "
+            r"add --learning\.frame-differences",
         ),
         (
-            *("learning.layer_norm", True),
-            r"layers of nature, .* of nature, normalised: add --learning\.no-layer-norm",
+            *("learning.layer_norm", False),
+            r"layers of nature, normalised, .* of nature: add --learning\.layer-norm",
         ),
-        ("learning.algorithm", "qr_dqn", r"1 outputs per action, .*: add --learning.algorithm dqn"),
+        ("learning.algorithm", "dqn", r"51 outputs per .*: add --learning\.algorithm qr_dqn"),
     ],
 )
 def test_a_network_of_another_shape_says_the_flag_under_which_it_fits(
@@ -72,11 +77,13 @@ def test_a_flag_is_quoted_as_a_shell_needs_it() -> None:
 
 
 def test_all_that_does_not_fit_is_told_at_once() -> None:
-    raw = replace(TRAINED.learning, scale_pixels=False, center_pixels=False)
+    learning = TRAINED.learning
+    raw = replace(learning, scale_pixels=False, center_pixels=False, frame_differences=False)
     words = (
-        r"with 144 numbers of proprioception, pixels that are scaled and centred, and here it "
-        r"would have 0 numbers of proprioception, pixels that are as they are: "
-        r"add --play\.vector --learning\.scale-pixels --learning\.center-pixels\.$"
+        r"with 144 numbers of proprioception, pixels that are scaled, centred and differenced, "
+        r"and here it would have 0 numbers of proprioception, pixels that are as they are: "
+        r"add --play\.vector --learning\.scale-pixels --learning\.center-pixels "
+        r"--learning\.frame-differences\.$"
     )
     with pytest.raises(InputError, match=words):
         check_fit(FILE, TRAINED, replace(changed("play.vector", False), learning=raw))

@@ -78,7 +78,7 @@ def test_the_short_presets_sample_as_often_as_mnih_et_al_in_larger_minibatches(n
     assert learning.target_update_period * learning.train_period == 4_000
     assert learning.learning_rate_at(0) == 5e-4
     end = learning.annealing_steps // learning.train_period + 1
-    assert learning.learning_rate_at(end) == pytest.approx(2.5e-5)
+    assert learning.learning_rate_at(end) == pytest.approx(5e-5)
 
 
 def test_no_network_is_told_of_its_own_body_unless_asked_for() -> None:

@@ -323,5 +323,5 @@ def test_a_tracker_that_fails_behind_many_points_holds_up_no_end(
 def test_settings_are_flat_and_plain() -> None:
     assert RUN.settings["game"] == "pong"
     assert RUN.settings["learning.learning_rate"] == 5e-4
-    assert RUN.settings["exploration.ez_greedy"] is True
+    assert RUN.settings["exploration.ez_greedy"] is False
     assert all(isinstance(value, bool | int | float | str) for value in RUN.settings.values())
