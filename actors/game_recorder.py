@@ -15,13 +15,13 @@ _BYTES = 8
 
 
 class GameRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
-    """An environment that hashes its console's memory after each agent step.
+    """An environment that hashes its console's memory after each step.
 
     Two games with equal hashes are the same game, played twice. Without a console, the newest frame
     is hashed instead.
 
     Args:
-        ending: number of last agent steps of a game that are also hashed by themselves.
+        ending: number of last steps of a game that are also hashed by themselves.
         now: returns monotonic seconds.
     """
 
@@ -55,7 +55,7 @@ class GameRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
 
     @property
     def game_hash(self) -> str:
-        """Hash of the present game's memory over all its agent steps."""
+        """Hash of the present game's memory over all its steps."""
         return self._whole.hexdigest()
 
     @property

@@ -52,7 +52,7 @@ class GamesOptions:
     """Number of last agent steps of a game that are hashed by themselves."""
     games: int = 1
     steps: int = 0
-    """Minimum number of agent steps over all games, as in the tests of 2017."""
+    """Minimum number of steps over all games, as in the tests of 2017."""
     epsilon: float = 0.001
     """Share of random agent steps."""
     seed: int = 1

@@ -15,7 +15,7 @@ from actors.envs.step_info import StepInfo
 
 
 class Step(NamedTuple):
-    """One agent step of one environment."""
+    """One step of one environment: one agent step, or several (``info.elapsed``)."""
 
     stream: int
     """Index of the environment."""

@@ -38,7 +38,8 @@ class Policy:
 
     @classmethod
     def of_file(cls, config: RunConfig, weights: Path | None, epsilon: float, seed: int) -> Self:
-        """Returns the policy of the network in the file ``weights``; without a file, a random one.
+        """Returns the policy of the network in the file ``weights``; without a file, a random one,
+        whatever ``epsilon``.
 
         Raises:
             InputError: the file cannot be read, or does not fit ``config``.

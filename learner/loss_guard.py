@@ -41,7 +41,7 @@ class LossGuard:
         """Number, ids and result of each update whose loss has not been looked at yet."""
 
     def add(self, number: int, ids: NDArray[np.int64], result: Update) -> None:
-        """Takes an update of the steps ``ids``, without waiting for the device."""
+        """Takes an update of the steps ``ids int64 [batch]``, without waiting for the device."""
         self._unseen.append((number, ids, result))
 
     def check(self) -> None:

@@ -19,7 +19,9 @@ if TYPE_CHECKING:  # as in `learner.device`
     from torch import Tensor
 
 RECENT_GAMES = 50
+"""Number of newest training games of which the mean score is told."""
 RECENT_CHUNKS = 500
+"""Number of newest chunks of which the staleness is told."""
 JUDGED_CHUNKS = 80
 """Number of newest chunks that health checks judge: a fault that is over must not count for
 long."""

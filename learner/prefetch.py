@@ -20,10 +20,12 @@ DEPTH = 3
 """Number of batches ahead, including the one that is being drawn: enough to hide the drawing, few
 enough to stay fresh."""
 _WAIT = 0.2
+"""Maximum number of seconds that the replay waits for enough steps before it answers."""
 
 
 class Prefetched(NamedTuple):
-    """A prepared minibatch, and the ids of its steps, which receive the new priorities."""
+    """A prepared minibatch, and the ids ``int64 [batch]`` of its steps, which receive the new
+    priorities."""
 
     ids: NDArray[np.int64]
     prepared: Prepared

@@ -41,6 +41,7 @@ from replay.interface import Replay
 _TICK = 0.1
 """Seconds without a minibatch after which the loop does what is due by the clock."""
 _MEASURE_SECONDS = 30.0
+"""Seconds between two measurements of max-Q on the held-out states."""
 _LEAST_PHASE = 0.1
 """Minimum share of an epoch that a run's last steps need to count as an epoch of their own."""
 T = TypeVar("T")

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from actors.robots.room.body import Pressed
+from actors.robots.room.body import KEY_PRESSED, KEY_RELEASED, Pressed
 from actors.robots.room.engine import joints_of
 from actors.robots.room.rotation import Vector
 from common.actions import Keys
@@ -59,9 +59,8 @@ KEY_PLACES: dict[Keys, tuple[float, float]] = {
 CAP_RADIUS = math.hypot(_FIRE_RADIUS, CAP_HEIGHT / 2)
 """Radius around a key's centre that holds all of it, m."""
 
-_RELEASED = dict.fromkeys(KEY_PLACES, (0.20, 0.21, 0.24, 1.0))
+_RELEASED = dict.fromkeys(KEY_PLACES, KEY_RELEASED)
 _RELEASED[Keys.FIRE] = (0.62, 0.08, 0.08, 1.0)
-_PRESSED = (0.20, 0.95, 0.35, 1.0)
 
 
 def place_of(keys: Keys) -> tuple[float, float]:
@@ -118,7 +117,7 @@ class Controller(Pressed):
 
     def _paint(self, key: Keys, *, pressed: bool) -> None:
         joint = self._joints[list(KEY_PLACES).index(key)]
-        colour = _PRESSED if pressed else _RELEASED[key]
+        colour = KEY_PRESSED if pressed else _RELEASED[key]
         self._engine.changeVisualShape(self.body, joint, rgbaColor=colour)
 
     def mimic(self, other: "Controller") -> None:

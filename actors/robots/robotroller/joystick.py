@@ -9,7 +9,7 @@ import math
 from pathlib import Path
 from typing import Any
 
-from actors.robots.room.body import Pressed
+from actors.robots.room.body import KEY_PRESSED, KEY_RELEASED, Pressed
 from actors.robots.room.engine import fixed_body
 from actors.robots.room.rotation import Vector
 from actors.robots.room.shapes import Colour, Shape, ball, rod
@@ -54,8 +54,6 @@ _LAMP_OUT = 0.039
 _BLACK: Colour = (0.09, 0.09, 0.10)
 _RUBBER: Colour = (0.16, 0.16, 0.17)
 _RED: Colour = (0.78, 0.12, 0.08)
-_DARK = (0.20, 0.21, 0.24, 1.0)
-_LIT = (0.20, 0.95, 0.35, 1.0)
 _RELEASED = (*_RED, 1.0)
 
 SIDES: dict[Keys, tuple[int, int]] = {
@@ -97,11 +95,11 @@ class Joystick(Pressed):
     def _paint(self, key: Keys, *, pressed: bool) -> None:
         """Lights the lamp of a switch, or colours the button."""
         if key is Keys.FIRE:
-            colour = _LIT if pressed else _RELEASED
+            colour = KEY_PRESSED if pressed else _RELEASED
             self._engine.changeVisualShape(self.body, self._joints[2], rgbaColor=colour)
         else:
             lamp = len(_BASE.shapes) - len(SIDES) + list(SIDES).index(key)
-            colour = _LIT if pressed else _DARK
+            colour = KEY_PRESSED if pressed else KEY_RELEASED
             self._engine.changeVisualShape(self.body, -1, shapeIndex=lamp, rgbaColor=colour)
 
 
@@ -111,7 +109,7 @@ _BASE = weighed(
     (rod(0.020, 0.004, (0.0, 0.0, BOX[2] + 0.002), _RUBBER), 0.01),
     *(
         (
-            Shape("box", _LAMP, (away * _LAMP_OUT, left * _LAMP_OUT, BOX[2]), _DARK[:3]),
+            Shape("box", _LAMP, (away * _LAMP_OUT, left * _LAMP_OUT, BOX[2]), KEY_RELEASED[:3]),
             0.001,
         )
         for left, away in SIDES.values()

@@ -11,6 +11,9 @@ from actors.robots.room.urdf import Joint, Part
 from common.actions import Keys
 from common.proprioception import KEYS
 
+KEY_RELEASED = (0.20, 0.21, 0.24, 1.0)
+KEY_PRESSED = (0.20, 0.95, 0.35, 1.0)
+"""Colours of a key or its lamp, RGBA."""
 _KEY_SETS = tuple(map(Keys, range(2 ** len(KEYS))))
 """Every set of keys by its bits: making a `Keys` costs more than reading the controller."""
 

@@ -45,7 +45,7 @@ FRAME_SUBSTEPS = PHYSICS_RATE // FRAMES_PER_SECOND
 _SOLVER_ITERATIONS = 4
 # The engine predicts contacts from 0.6 × the half diagonal of a fingertip's box, 5 mm: the distance
 # that a fingertip at 1.2 m/s covers in a step. Otherwise it penetrates before the contact is found.
-_CONTACT_DISTANCE = 0.6
+_CONTACT_SHARE = 0.6
 _FINGERTIPS, _SOLID = 1, 2
 
 
@@ -84,7 +84,7 @@ class Room(ABC):
         engine.setPhysicsEngineParameter(
             fixedTimeStep=1 / PHYSICS_RATE,
             numSolverIterations=_SOLVER_ITERATIONS,
-            contactBreakingThreshold=_CONTACT_DISTANCE,
+            contactBreakingThreshold=_CONTACT_SHARE,
             deterministicOverlappingPairs=1,
         )
         self.furniture = Furniture(engine, self.own_furniture)

@@ -80,7 +80,7 @@ class Sensor:
     def take(
         self, ideal: NDArray[np.uint8], agent_steps: int = 1, backdrop: Backdrop | None = None
     ) -> NDArray[np.uint8]:
-        """Returns the robot's picture, ``uint8 [height, width, 3]``.
+        """Returns the robot's picture, ``uint8`` of the sensor's ``shape``.
 
         Args:
             ideal: The pinhole's present picture, larger by the lens's margin if there is a lens. A

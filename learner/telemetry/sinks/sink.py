@@ -30,7 +30,10 @@ class Sink:
         """Takes the present figures."""
 
     def phase(self, row: EpochRow, agent_steps: int) -> None:
-        """Takes the figures of a finished phase; its weights had ``agent_steps``."""
+        """Keeps the figures of a finished phase for the next `write`; its weights had
+        ``agent_steps``. It must not raise OSError: the phase is recorded already, and would be
+        recorded again.
+        """
 
     def filmed(self, file: Path, agent_steps: int) -> None:
         """Takes a film of an epoch's network, whose weights had ``agent_steps``; the film of epoch
