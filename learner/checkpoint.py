@@ -101,7 +101,7 @@ class Checkpoint:
         """
         try:
             yield
-        except (AttributeError, LookupError, TypeError, ValueError) as error:
+        except (AttributeError, LookupError, OverflowError, TypeError, ValueError) as error:
             raise InputError(
                 f"the counters in the checkpoint {self.path} are not those of a run "
                 f"({type(error).__name__}: {error}): put the file back from a backup."

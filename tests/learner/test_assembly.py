@@ -169,6 +169,7 @@ def test_a_run_is_learned_stopped_and_continued(tmp_path: Path) -> None:
         {},
         {"rows": None},
         {"updates": "many"},
+        {"updates": float("inf")},
         {"seconds": []},
         {"books": [1]},
         {"tests": [{"epoch": 1, "unheard_of": 2}]},
