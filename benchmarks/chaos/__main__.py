@@ -116,11 +116,12 @@ def _measure(options: Options, folder: Path) -> Report:
 
 def _counted(log: Path) -> tuple[int, int]:
     """Returns the steps and chunks that the replay reported at its end."""
-    last = log.read_text().strip().splitlines()[-1]
-    numbers = re.match(r"([\d,]+) steps, .* chunks: ([\d,]+) accepted", last)
-    if numbers is None:
-        raise InputError(f"the replay ended with: {last}.")
-    steps, chunks = (int(each.replace(",", "")) for each in numbers.groups())
+    told = log.read_text()
+    reports = re.findall(r"^([\d,]+) steps, .* chunks: ([\d,]+) accepted", told, re.MULTILINE)
+    # A replay that ends in peace says last how to go on with it.
+    if not reports or "go on with" not in told.rpartition(" accepted")[2]:
+        raise InputError(f"the replay ended with: {told.strip().splitlines()[-1]}.")
+    steps, chunks = (int(each.replace(",", "")) for each in reports[-1])
     return steps, chunks
 
 

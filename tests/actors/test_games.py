@@ -11,6 +11,7 @@ import pytest
 
 from actors.games import GamesOptions, games
 from common.errors import InputError
+from common.run.origin import origin_of
 from common.run.presets import PRESETS
 from common.run.stored_config import to_json
 from tests.paths import ROOT
@@ -53,7 +54,9 @@ def test_what_an_environment_prints_is_not_taken_for_a_game(tmp_path: Path) -> N
 def test_who_is_asked_to_end_before_the_last_game_says_that_games_are_missing() -> None:
     stop = threading.Event()
     policy = ROOT / "policies" / "ale_pong.safetensors"
-    config = replace(FAST, play=replace(FAST.play, max_game_frames=40, random_starts=0))
+    trained = origin_of(policy)
+    assert trained is not None
+    config = replace(trained, play=replace(trained.play, max_game_frames=40, random_starts=0))
     options = GamesOptions(policy, "", ending=8, games=2)
     assert len([*games(config, options, stop)]) == 2
     playing = games(config, options, stop)

@@ -4,13 +4,13 @@ import pytest
 import torch
 
 from benchmarks.layers import layers_of, time_layers
+from benchmarks.peer_update import DOUBLE_DQN
 from common.network import build_network
-from common.run.presets import PRESETS
 
 
 @pytest.mark.parametrize("dtype", [torch.float32, torch.bfloat16])
 def test_multiplications_of_an_update(dtype: torch.dtype) -> None:
-    layers = list(layers_of(build_network(PRESETS["fast"], 6), 2, dtype))
+    layers = list(layers_of(build_network(DOUBLE_DQN, 6), 2, dtype))
     assert [(layer.name, layer.product) for layer in layers] == [
         ("convolution 4×8×8×32", (2 * 20 * 20, 256, 32)),
         ("convolution 32×4×4×64", (2 * 9 * 9, 512, 64)),
