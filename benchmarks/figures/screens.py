@@ -35,7 +35,7 @@ _RUN = (
     *("--exploration.start", "0.02", "--exploration.end", "0.01"),
     *("--replay.capacity", "20000", "--replay.learning-starts", "1000"),
     *("--protocol.epoch-steps", "1000", "--protocol.test-steps", "500"),
-    *("--protocol.held-out-states", "256", "--learning.no-center-pixels"),
+    *("--protocol.held-out-states", "256"),
 )
 """Flags for a network that already plays, and for epochs of seconds."""
 _ERASED = re.compile(r"\r?\x1b\[2K(?:\x1b\[1A\x1b\[2K)+")

@@ -11,8 +11,8 @@ import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
-from zlib import crc32
 
+from common.crc32 import crc32
 from common.errors import MessageError
 from common.protocol.evaluation import EvaluationJob, EvaluationReport
 from common.run.config import ProtocolConfig

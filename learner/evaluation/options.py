@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Annotated
 
@@ -32,6 +32,12 @@ HEADLINE = (
     Measure(0.001, 0.25),  # Machado et al. 2018, and ALE's v5 environments
 )
 """The measurements that describe a policy together; none of them alone says what it can do."""
+
+_IN_TRAINING = {
+    "test_steps": "give --protocol.test-steps for the tests of a training",
+    "epsilon": "give --exploration.end or --protocol.test-epsilon for a training",
+}
+"""What to do instead, if an option looks like one of a training."""
 
 
 @dataclass(frozen=True)
@@ -73,16 +79,11 @@ class EvaluationOptions:
 
     def _refuse_all(self) -> None:
         """Raises InputError for any of these options, because no network is evaluated."""
-        usual = EvaluationOptions()
-        for name in ("headline", "games", "test_steps", "epsilon", "processes", "json"):
-            if getattr(self, name) != getattr(usual, name):
-                training = {
-                    "test_steps": "give --protocol.test-steps for the tests of a training",
-                    "epsilon": "give --exploration.end or --protocol.test-epsilon for a training",
-                }.get(name, "name a network to evaluate, or omit it")
-                raise InputError(
-                    f"--{name.replace('_', '-')} is for an evaluation (--evaluate): {training}."
-                )
+        for option in fields(self):
+            if getattr(self, option.name) != option.default:
+                flag = f"--{option.name.replace('_', '-')}"
+                instead = _IN_TRAINING.get(option.name, "name a network to evaluate, or omit it")
+                raise InputError(f"{flag} is for an evaluation (--evaluate): {instead}.")
 
     @property
     def at_once(self) -> int:

@@ -3,10 +3,10 @@
 import json
 from pathlib import Path
 from typing import Any
-from zlib import crc32
 
 from common.atomic_file import write_atomically, write_json
 from common.checked import Count, FromOne, Score, build
+from common.crc32 import crc32
 from common.regular_file import read_file
 from common.run.folder import epoch_name, kept_networks
 
