@@ -81,6 +81,9 @@ class EvaluationCoordinator:
         self._unneeded: set[int] = set()
         """Epochs whose snapshots the next `sweep` deletes."""
         self._over = False
+        self._backlog = MAX_WAITING
+        """Number of waiting tests above which people are told; it doubles, because epochs may take
+        a second each."""
 
     # ------------------------------------------------------------------ for the training loop
 
@@ -97,7 +100,8 @@ class EvaluationCoordinator:
             for epoch in waiting[:-MAX_WAITING] if nobody else ():
                 del self._tests[epoch]
                 self._unneeded.add(epoch)
-        if len(waiting) > MAX_WAITING and not nobody:
+        if len(waiting) > self._backlog and not nobody:
+            self._backlog = 2 * len(waiting)
             _log.warning(
                 "%d tests wait for evaluators, which are slower than the training: start more of "
                 "them, or give the next run fewer --protocol.test-steps",

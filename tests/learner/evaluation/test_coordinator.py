@@ -167,6 +167,10 @@ def test_tests_that_evaluators_do_not_keep_up_with_wait_and_are_told(
     (told,) = caplog.messages
     assert told.startswith(f"{MAX_WAITING + 1} tests wait for evaluators, which are slower than")
     assert tests.coordinator.pending == MAX_WAITING + 2
+    for epoch in range(MAX_WAITING + 3, 3 * MAX_WAITING + 4):
+        tests.coordinator.add(epoch_test(epoch), b"w")
+    assert len(caplog.messages) == 2, "told again where the backlog has doubled"
+    assert caplog.messages[1].startswith(f"{2 * MAX_WAITING + 3} tests wait")
 
 
 def test_a_missing_snapshot_takes_no_other_test_from_its_evaluator(tmp_path: Path) -> None:
