@@ -16,10 +16,13 @@ from common.protocol.actor_stats import ActorStats
 from common.protocol.chunk import Game
 from common.protocol.evaluation import EvaluationJob, EvaluationReport
 from common.protocol.weights import load_weights
+from common.schedule import Every
 from common.transport.interface import Unanswered
 
 _ASK_AGAIN = 0.5
 _TIMEOUT = 5.0
+_SIGN_SECONDS = 60.0
+"""Seconds between two signs to the learner that a game goes on. A game may last for hours."""
 
 
 class Evaluator:
@@ -85,6 +88,8 @@ class Evaluator:
         self._policy.epsilon = job.epsilon
         self._policy.weights_version = job.epoch
         reported = games = 0
+        signs = Every(_SIGN_SECONDS, time.monotonic)
+        signs.restart()
         for steps, step in enumerate(play([self._env], self._policy, [seed]), start=1):
             self._counters.count(step)
             self._views.show(step)
@@ -99,6 +104,9 @@ class Evaluator:
                 reported = steps
                 if not self._report(report):
                     return
+                signs.restart()
+            elif signs.is_due() and not self._goes_on(job):
+                return
             if done or stop.is_set():
                 return
 
@@ -111,6 +119,19 @@ class Evaluator:
             self._reports.request(report.encode()).result()
         except (MessageError, Unanswered):
             return False
+        return True
+
+    def _goes_on(self, job: EvaluationJob) -> bool:
+        """Tells the learner that a game of ``job`` goes on; returns False if it has been given to
+        another evaluator. The next report tells whether a learner that does not answer has
+        forgotten the test."""
+        sign = EvaluationReport(self._member.name, job.epoch, 0, (), False, run_id=job.run_id)
+        try:
+            self._reports.request(sign.encode()).result()
+        except MessageError:
+            return False
+        except Unanswered:
+            pass
         return True
 
     def _stats(self, leaving: bool) -> ActorStats:

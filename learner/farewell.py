@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from common.process.supervisor import Supervisor
 from common.schedule import Now
-from learner.evaluation.coordinator import LONGEST_GAME, EvaluationCoordinator
+from learner.evaluation.coordinator import MAX_SILENCE, EvaluationCoordinator
 from learner.telemetry.actor_registry import ActorRegistry
 
 LOOK_SECONDS = 0.25
@@ -14,9 +14,9 @@ LOOK_SECONDS = 0.25
 _TO_LEAVE = 60.0
 """Seconds that the actors, and then the evaluators, of a finished run have to leave. A process that
 has not heard of the end by then waits for a learner that never comes back."""
-_LAST_TEST = 2 * LONGEST_GAME
-"""Seconds without a report from any evaluator after which the last tests are given up: enough for
-one that plays what another, which hangs, was to play."""
+_LAST_TESTS = 2 * MAX_SILENCE
+"""Seconds without a report from any evaluator after which the last tests are given up: enough to
+take the test from one that hangs, so that another plays it."""
 
 
 @dataclass(frozen=True)
@@ -48,13 +48,13 @@ class Farewell:
             )
         self._look_while(
             lambda: self.evaluation.pending and self._evaluator_expected(),
-            _LAST_TEST,
-            progress=lambda: (self.evaluation.pending, self.evaluation.steps_left),
+            _LAST_TESTS,
+            progress=lambda: (self.evaluation.pending, self.evaluation.reports),
         )
         if self.evaluation.pending and self._evaluator_expected() and not self.stop.is_set():
             self.say(
-                f"No game of a test has ended in {_LAST_TEST / 60:g} minutes, so epochs stay "
-                "untested: check whether the evaluators play."
+                f"No evaluator has reported for {_LAST_TESTS / 60:g} minutes, so epochs stay "
+                "untested: check whether they play."
             )
         self._look_while(lambda: self.registry.alive("evaluator"), _TO_LEAVE)
 

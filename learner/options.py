@@ -1,6 +1,5 @@
 """The learner's command line: its flags, what they mean together, and the command to continue."""
 
-import argparse
 import os
 import shlex
 from collections.abc import Sequence
@@ -16,14 +15,13 @@ from pydantic import AllowInfNan
 from common.checked import Amount, Count, Patience
 from common.errors import InputError
 from common.metrics import Value
-from common.process.command_line import RunOptions, WeightsFile, started_by
+from common.process.command_line import RunOptions, started_by, without_flags
 from common.process.extras import check_extra
 from common.process.http_endpoints import check_address
 from common.process.log_lines import LOADING
 from common.registry import ALGORITHMS
 from common.run.clock import ClockConfig
 from common.run.config import MAX_ENVS, RunConfig
-from common.run.fit import shaped_like
 from common.run.folder import Part, RunFolder
 from common.run.origin import origin_of
 from common.run.presets import PRESETS
@@ -48,10 +46,6 @@ class LearnerOptions(RunOptions):
 
     run: str | None = None
     """Name of the run; by default made of environment, game and preset."""
-    initial: WeightsFile | None = None
-    """Network to begin with, such as ale_pong or a FILE, instead of a fresh one. The run then has
-    its layers, whatever the preset; --exploration.start sets how much of its play is random at
-    first."""
     demonstrations: Annotated[Path | None, tyro.conf.arg(metavar="FOLDER")] = None
     """Recorded games, from `ale-robot record` or `human --record`, with which the replay begins.
     They count as steps of the run."""
@@ -106,12 +100,6 @@ class LearnerOptions(RunOptions):
     evaluation: tyro.conf.OmitArgPrefixes[EvaluationOptions] = field(
         default_factory=EvaluationOptions
     )
-
-    def defaults(self, preset: RunConfig) -> RunConfig:
-        """Returns the defaults of a new run's settings: those of its ``preset``, with the layers of
-        the --initial network. Raises InputError if that network's settings cannot be read."""
-        trained = None if self.initial is None else origin_of(self.initial)
-        return preset if trained is None else shaped_like(trained, preset)
 
     def check(self) -> None:
         """Refuses flags that do not go together.
@@ -175,10 +163,11 @@ class LearnerOptions(RunOptions):
             folder.check_claim(part, self.config, resume=self.resume)
 
     def _check_algorithm(self) -> None:
-        """Refuses settings that the algorithm ignores, unless they come from the preset."""
-        learning, preset = self.config.learning, PRESETS[self.config.preset].learning
+        """Refuses settings that the algorithm ignores, unless nobody gave them."""
+        learning = self.config.learning
+        usual = self.defaults(PRESETS[self.config.preset]).learning
         for name in ALGORITHMS.find(learning.algorithm).ignores:
-            if getattr(learning, name) != getattr(preset, name):
+            if getattr(learning, name) != getattr(usual, name):
                 raise InputError(
                     f"--learning.{name.replace('_', '-')} means nothing to the algorithm "
                     f"{learning.algorithm}: omit it, or choose another --learning.algorithm."
@@ -266,14 +255,13 @@ def resume_flags(arguments: Sequence[str], run: str, *, done: bool) -> list[str]
     Args:
         done: whether the run has reached its --steps, which are then omitted.
     """
-    known = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
-    for flag in ("--initial", "--demonstrations", *(["--steps"] if done else [])):
-        known.add_argument(flag)
     # `ale-robot train` adds --local by itself.
     added = started_by("learner").startswith("ale-robot ") or "--no-local" in arguments
-    for flag in ("--force", *(["--local"] if added else [])):
-        known.add_argument(flag, action="store_true")
-    _, told = known.parse_known_args(list(arguments))
+    told = without_flags(
+        arguments,
+        ["--initial", "--demonstrations", *(["--steps"] if done else [])],
+        ["--force", *(["--local"] if added else [])],
+    )
     flags = {argument.partition("=")[0] for argument in told}
     more = [] if "--run" in flags else ["--run", run]
     more += [] if "--resume" in flags else ["--resume"]

@@ -348,8 +348,9 @@ class Learner:
         )
         farewell.wait_for_actors()
         if self.phases.phase_steps >= _LEAST_PHASE * self.phases.phase_length:
-            only_demonstrations = not self.phases.epoch
             self._end_phase()
-            if only_demonstrations:  # an epoch without steps, for what they have taught
-                self._end_phase()
+        if self.phases.epoch == 1 and self.phases.phase_steps == 0:
+            # An epoch without steps, for what demonstrations alone have taught. A learner that was
+            # killed after the phase before ends it when it is resumed.
+            self._end_phase()
         farewell.wait_for_evaluators()

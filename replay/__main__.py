@@ -32,7 +32,7 @@ import tyro
 from common.checked import MAX_COUNT
 from common.errors import InputError
 from common.process.allocator import keep_large_blocks
-from common.process.command_line import RunOptions, parse_run, started_by
+from common.process.command_line import RunOptions, parse_run, started_by, without_flags
 from common.process.http_endpoints import http_endpoints
 from common.process.http_page import Page, verdict
 from common.process.lifeline import on_signals
@@ -122,7 +122,7 @@ def serve(options: ReplayOptions, again: bool) -> None:
                 failed = progress.failed  # one report later the learner has heard of it, too
             tell("STOPPING=1")
         say(_line(buffer.progress(MAX_COUNT)))
-    flags = [flag for flag in sys.argv[1:] if flag != "--resume"]
+    flags = without_flags(sys.argv[1:], ["--initial"], ["--resume"])
     go_on = shlex.join([*started_by("replay").split(), *flags, "--resume"])
     say(f"The replay is in {folder.replay}; go on with:\n  {go_on}")
 

@@ -39,20 +39,21 @@ class Eye:
         self._picture: NDArray[np.uint8] | None = None
         self._unseen = 0
         """Agent steps of game time since the last picture was taken."""
-        self._shown: deque[NDArray[np.uint8]] = deque()
-        """The game's own pictures since that which the camera's last picture shows, oldest first.
-        """
+        self._now = 0
+        """Agent steps of game time until the last picture."""
+        self._shown: deque[tuple[int, NDArray[np.uint8]]] = deque()
+        """The game's own pictures, with their times, since that which the camera's last picture
+        shows; oldest first."""
         self._shown_before = np.zeros(0, np.uint8)
         """The oldest of them at the `look` before."""
 
     def begin_game(self) -> None:
         """Forgets everything; call it after `Robot.begin_game`."""
-        camera = self._camera
         # A seeded game may know nothing of an earlier one, not even where the screen was.
-        self._detector = ScreenDetector(camera.distortion)
+        self._detector = ScreenDetector(self._camera.distortion)
         self.detection = _UNSEEN
         self._unseen = 0
-        self._shown = deque(maxlen=camera.latency + 1)
+        self._shown.clear()
 
     def latency(self, rng: Generator) -> int:
         """Returns the latency of the pictures in agent steps, as `eye_latency` measures it; 0 if
@@ -108,14 +109,18 @@ class Eye:
     def _take_picture(self) -> NDArray[np.uint8]:
         passed, self._unseen = self._unseen, 0
         screen = self._emulator.screen_rgb()
+        self._now += passed
         if passed == 0 and self._shown:
             self._shown.pop()  # a picture of the same moment
-        self._shown.append(screen)
+        self._shown.append((self._now, screen))
+        due = self._now - self._camera.latency
+        while len(self._shown) > 1 and self._shown[1][0] <= due:
+            self._shown.popleft()
         return self._robot.camera_picture(screen, passed)
 
     def _detect(self) -> None:
         before, self.detection = self.detection, self._detector.detect(self.picture)
-        shown = self._shown[0]
+        _, shown = self._shown[0]
         if is_blank(self.detection.frame) and not is_blank(shrink(luminance(shown))):
             # The border is in place, but the game in it cannot be seen.
             self.detection = self.detection._replace(valid=False)

@@ -4,6 +4,7 @@ The preset is read first and gives the defaults of all other flags, so `--help` 
 that a run would really use.
 """
 
+import argparse
 import contextlib
 import dataclasses
 import inspect
@@ -25,7 +26,8 @@ from common.process.help_text import wrapped
 from common.process.own_flags import going_on_from, own_help
 from common.registry import ENVIRONMENTS
 from common.run.config import RunConfig
-from common.run.origin import find_weights
+from common.run.fit import shaped_like
+from common.run.origin import find_weights, origin_of
 from common.run.presets import PRESETS
 from common.run.ranges import all_ranges
 from common.run.rules import check_config, check_robot
@@ -73,6 +75,10 @@ class RunOptions:
     """Folder that holds the runs."""
     resume: bool = False
     """Resume the run of that name, with its own settings."""
+    initial: WeightsFile | None = None
+    """Network to begin with, such as ale_pong or a FILE, instead of a fresh one. The run then has
+    its layers, whatever the preset; --exploration.start sets how much of its play is random at
+    first."""
     listen: str = DEFAULT_ENDPOINT
     """Address at which the run's other processes reach this one; 0.0.0.0 lets other machines in."""
     certificates: Path | None = None
@@ -90,8 +96,10 @@ class RunOptions:
     docs/operations.md."""
 
     def defaults(self, preset: RunConfig) -> RunConfig:
-        """Returns the defaults of a new run's settings: those of its ``preset``."""
-        return preset
+        """Returns the defaults of a new run's settings: those of its ``preset``, with the layers of
+        the --initial network. Raises InputError if that network's settings cannot be read."""
+        trained = None if self.initial is None else origin_of(self.initial)
+        return preset if trained is None else shaped_like(trained, preset)
 
 
 R = TypeVar("R", bound=RunOptions)
@@ -140,6 +148,18 @@ def started_by(module: str) -> str:
     """Returns the command that started this program, without its flags. `ale-robot` puts its own
     name and subcommand in ``sys.argv[0]``."""
     return sys.argv[0] if sys.argv[0].startswith("ale-robot ") else f"python -m {module}"
+
+
+def without_flags(
+    arguments: Sequence[str], valued: Sequence[str] = (), plain: Sequence[str] = ()
+) -> list[str]:
+    """Returns ``arguments`` without the flags ``valued``, which have a value, and ``plain``."""
+    known = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
+    for flag in valued:
+        known.add_argument(flag)
+    for flag in plain:
+        known.add_argument(flag, action="store_true")
+    return known.parse_known_args(list(arguments))[1]
 
 
 def parse(

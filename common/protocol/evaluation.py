@@ -34,7 +34,8 @@ class EvaluationJob(Message):
 
 @dataclass(frozen=True)
 class EvaluationReport(Message):
-    """What an evaluator has played since its last report."""
+    """What an evaluator has played since its last report; neither steps nor games if it only says
+    that a game goes on."""
 
     evaluator: Name
     epoch: Count

@@ -17,15 +17,15 @@ from common.errors import MessageError
 from common.protocol.evaluation import EvaluationJob, EvaluationReport
 from common.run.config import ProtocolConfig
 from common.schedule import Now
-from learner.evaluation.snapshots import Snapshots
+from learner.evaluation.snapshots import Snapshots, UnusableSnapshot
 
 _log = logging.getLogger(__name__)
 NEWCOMER = 5.0
 """Seconds after its job within which an evaluator counts as present, even if its presence is not
 known yet."""
-LONGEST_GAME = 3_600.0
-"""Seconds without a report after which a present evaluator is given up, if there is another one. A
-whole game in real time lasts half an hour at most."""
+MAX_SILENCE = 600.0
+"""Seconds without a report after which a present evaluator is given up, if there is another one.
+While it plays it reports at least once a minute."""
 MAX_WAITING = 4
 """Maximum number of tests that wait for the first evaluator; each keeps a snapshot on disk."""
 
@@ -80,7 +80,10 @@ class EvaluationCoordinator:
         self._finished: list[EpochTest] = []
         self._unneeded: set[int] = set()
         """Epochs whose snapshots the next `sweep` deletes."""
+        self._unread: set[int] = set()
+        """Epochs whose snapshots could not be read. People have been told."""
         self._over = False
+        self._reports = 0
         self._backlog = MAX_WAITING
         """Number of waiting tests above which people are told; it doubles, because epochs may take
         a second each."""
@@ -128,7 +131,7 @@ class EvaluationCoordinator:
         with self._lock:
             for name, shard in list(self._shards.items()):
                 lost = name not in present and now - shard.given > NEWCOMER
-                hangs = now - shard.heard > LONGEST_GAME and len(present) > 1
+                hangs = now - shard.heard > MAX_SILENCE and len(present) > 1
                 if lost or hangs:
                     self._give_back(name)
             return self._finished.pop(0) if self._finished else None
@@ -152,13 +155,15 @@ class EvaluationCoordinator:
                 "updates": test.weight_updates,
             }
             try:
-                self.snapshots.keep_as_best(test.epoch, card)
-            except FileNotFoundError:  # or the run would end here
+                weights = self.snapshots.read(test.epoch, test.checksum)
+            except (OSError, UnusableSnapshot) as error:  # or the run would end here
                 _log.warning(
-                    "the weights of epoch %d, the best so far, are not kept: their snapshot is "
-                    "missing",
+                    "the weights of epoch %d, the best so far, are not kept: their snapshot %s",
                     test.epoch,
+                    f"cannot be read ({error.strerror})" if isinstance(error, OSError) else error,
                 )
+            else:
+                self.snapshots.keep_as_best(test.epoch, weights, card)
         with self._lock:
             self._unneeded.add(test.epoch)
 
@@ -170,6 +175,11 @@ class EvaluationCoordinator:
     def pending(self) -> int:
         """Number of unfinished tests."""
         return len(self._tests)
+
+    @property
+    def reports(self) -> int:
+        """Number of reports that were taken so far."""
+        return self._reports
 
     @property
     def steps_left(self) -> int:
@@ -229,15 +239,21 @@ class EvaluationCoordinator:
             now = self.now()
             self._shards[evaluator] = _Shard(test.epoch, steps, given=now, heard=now)
         try:
-            weights = self.snapshots.read(test.epoch)
+            weights = self.snapshots.read(test.epoch, test.checksum)
+        except UnusableSnapshot as error:
+            _log.warning("epoch %d stays untested: its snapshot %s", test.epoch, error)
+            self._drop(test.epoch)  # or all later tests would wait for this one
+            return EvaluationJob("wait")
         except OSError as error:
-            weights, wrong = b"", f"cannot be read ({error.strerror})"
-        else:
-            damaged = test.checksum not in (None, crc32(weights))
-            wrong = "is damaged" if damaged else ""
-        if wrong:  # or all later tests would wait for this one
-            _log.warning("epoch %d stays untested: its snapshot %s", test.epoch, wrong)
-            self._drop(test.epoch)
+            with self._lock:
+                self._give_back(evaluator)
+            if test.epoch not in self._unread:  # evaluators ask twice a second
+                self._unread.add(test.epoch)
+                _log.warning(
+                    "the snapshot of epoch %d cannot be read (%s): its test waits until it can",
+                    test.epoch,
+                    error.strerror,
+                )
             return EvaluationJob("wait")
         return EvaluationJob("test", test.epoch, steps, self.protocol.test_epsilon, weights)
 
@@ -254,6 +270,7 @@ class EvaluationCoordinator:
                 raise MessageError("that test was given to somebody else")
             if shard.left <= 0:
                 raise MessageError("all its steps are played")
+            self._reports += 1
             test.steps += report.steps
             shard.left -= report.steps
             shard.heard = self.now()

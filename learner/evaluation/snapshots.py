@@ -16,6 +16,10 @@ _UNREADABLE = (OSError, ValueError, TypeError, KeyError, RecursionError)
 """Errors of a card that is missing or broken."""
 
 
+class UnusableSnapshot(Exception):
+    """Weights that are missing, or not those that were stored. Its text says which."""
+
+
 class Snapshots:
     """The folder ``snapshots/`` of a run.
 
@@ -36,9 +40,23 @@ class Snapshots:
         self._folder.mkdir(parents=True, exist_ok=True)
         write_atomically(self.file(epoch), weights)
 
-    def read(self, epoch: int) -> bytes:
-        """Returns the weights of an epoch. Raises OSError if they are missing."""
-        return read_file(self.file(epoch))
+    def read(self, epoch: int, checksum: int | None) -> bytes:
+        """Returns the weights of an epoch.
+
+        Args:
+            checksum: CRC-32 of the weights, None if it is not known.
+
+        Raises:
+            UnusableSnapshot: they are missing or damaged.
+            OSError: they cannot be read now.
+        """
+        try:
+            weights = read_file(self.file(epoch))
+        except FileNotFoundError:
+            raise UnusableSnapshot("is missing") from None
+        if checksum not in (None, crc32(weights)):
+            raise UnusableSnapshot("is damaged")
+        return weights
 
     def epochs(self) -> set[int]:
         """Returns the epochs whose weights are stored."""
@@ -49,13 +67,11 @@ class Snapshots:
         if not self.keep:
             self.file(epoch).unlink(missing_ok=True)
 
-    def keep_as_best(self, epoch: int, card: dict[str, Any]) -> None:
-        """Makes an epoch's weights `best`, and writes ``card`` beside them. Raises OSError if the
-        weights are missing.
+    def keep_as_best(self, epoch: int, weights: bytes, card: dict[str, Any]) -> None:
+        """Makes an epoch's ``weights`` `best`, and writes ``card`` beside them.
 
         The card comes first, and decides: if a kill prevents the copy, `finish_best` makes it.
         """
-        weights = self.read(epoch)
         write_json(self.best_card, card | {_EPOCH: epoch, _CHECKSUM: crc32(weights)})
         write_atomically(self.best, weights)
 
@@ -64,11 +80,10 @@ class Snapshots:
         try:
             card = json.loads(read_file(self.best_card))
             epoch, checksum = build(FromOne, card[_EPOCH]), build(Count, card[_CHECKSUM])
-            weights = self.read(epoch)
-        except _UNREADABLE:
+            weights = self.read(epoch, checksum)
+        except (*_UNREADABLE, UnusableSnapshot):
             return  # nothing is known of it, or its epoch's weights are gone: the copy was made
-        if crc32(weights) == checksum:
-            write_atomically(self.best, weights)
+        write_atomically(self.best, weights)
 
     def best_score(self) -> float | None:
         """Returns the mean score of `best`; None if its card is missing or broken."""

@@ -130,6 +130,37 @@ def test_a_job_is_played_to_its_steps_and_each_game_reported(stage: Stage) -> No
     assert stage.failure is None
 
 
+def test_a_game_that_goes_on_is_told(stage: Stage, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(evaluator_module, "_SIGN_SECONDS", 0.0)
+    stage.start(NumberedEnv(TEN_STEPS_A_GAME))
+    stage.give(job(steps=15))
+    reports = stage.test()
+    signs = [*[(0, 0, False)] * 9, (10, 1, False), *[(0, 0, False)] * 4, (5, 0, True)]
+    assert [(report.steps, len(report.games), report.done) for report in reports] == signs
+    assert {(report.evaluator, report.epoch) for report in reports} == {("e", 3)}
+
+
+@pytest.mark.parametrize(("answers", "plays_on"), [(True, False), (False, True)])
+def test_only_a_learner_that_refuses_the_sign_ends_the_test(
+    stage: Stage, monkeypatch: pytest.MonkeyPatch, answers: bool, plays_on: bool
+) -> None:
+    monkeypatch.setattr(evaluator_module, "_SIGN_SECONDS", 0.0)
+    monkeypatch.setattr(evaluator_module, "_TIMEOUT", PATIENCE / 2 if answers else 0.1)
+    env = NumberedEnv(TEN_STEPS_A_GAME)
+    stage.start(env)
+    stage.give(job(steps=2))
+    sign = stage.reports.next()
+    if answers:
+        sign.refuse("that test was given to somebody else")
+    if plays_on:
+        while not EvaluationReport.decode((report := stage.reports.next()).payload).done:
+            pass
+        report.reply(b"")
+    stage.give(FINISHED)
+    stage.ended()
+    assert len(env.moments) == (10 if plays_on else 1)
+
+
 @pytest.mark.parametrize("steps", [10, 20])
 def test_a_test_that_ends_with_a_game_reports_both_at_once(stage: Stage, steps: int) -> None:
     stage.start(NumberedEnv(TEN_STEPS_A_GAME))

@@ -28,7 +28,7 @@ class End(threading.Event):
         """What happens at which second."""
         self.alive = alive
         self.look: Callable[[], None] = lambda: None
-        evaluation: Any = SimpleNamespace(pending=pending, steps_left=9, finish=lambda: None)
+        evaluation: Any = SimpleNamespace(pending=pending, reports=0, finish=lambda: None)
         registry: Any = SimpleNamespace(alive=lambda role: self.alive.get(role, False))
         children: Any = SimpleNamespace(works=lambda role: False)
         self.evaluation, self.registry, self.children = evaluation, registry, children
@@ -61,20 +61,21 @@ def test_without_evaluators_and_without_a_test_there_is_nothing_to_say() -> None
     assert (end.now, end.said) == (0, [])
 
 
-def test_each_test_that_ends_grants_the_others_two_hours_more() -> None:
+def test_each_report_and_each_test_that_ends_grants_twenty_minutes_more() -> None:
     end = End(pending=2, evaluator=True)
     end.at = {
-        6_000.0: lambda: setattr(end.evaluation, "pending", 1),
-        12_000.0: lambda: setattr(end.evaluation, "pending", 0),
-        12_010.0: end.alive.clear,
+        1_000.0: lambda: setattr(end.evaluation, "pending", 1),
+        2_000.0: lambda: setattr(end.evaluation, "reports", 1),
+        3_000.0: lambda: setattr(end.evaluation, "pending", 0),
+        3_010.0: end.alive.clear,
     }
     end.farewell.wait_for_evaluators()
-    assert end.now == pytest.approx(12_010, abs=1)
+    assert end.now == pytest.approx(3_010, abs=1)
     assert end.said == []
 
 
 @pytest.mark.parametrize("stops", [True, False])
-def test_neither_a_stop_nor_an_evaluator_that_leaves_is_two_hours_without_a_game(
+def test_neither_a_stop_nor_an_evaluator_that_leaves_is_silence(
     stops: bool,
 ) -> None:
     end = End(pending=1, evaluator=True)
@@ -84,12 +85,12 @@ def test_neither_a_stop_nor_an_evaluator_that_leaves_is_two_hours_without_a_game
     assert end.said == []
 
 
-def test_after_the_last_test_that_ends_two_hours_without_one_are_the_end() -> None:
+def test_twenty_minutes_without_a_report_are_the_end() -> None:
     end = End(pending=2, evaluator=True)
-    end.at = {3_000.0: lambda: setattr(end.evaluation, "pending", 1), 19_999.0: end.set}
+    end.at = {1_000.0: lambda: setattr(end.evaluation, "reports", 1), 19_999.0: end.set}
     end.farewell.wait_for_evaluators()
-    assert end.now == pytest.approx(3_000 + 7_200 + 60, abs=2)
-    assert [said[:37] for said in end.said] == ["No game of a test has ended in 120 mi"]
+    assert end.now == pytest.approx(1_000 + 1_200 + 60, abs=2)
+    assert [said[:37] for said in end.said] == ["No evaluator has reported for 20 minu"]
 
 
 def test_who_plays_has_time_for_what_one_that_hangs_was_to_play(tmp_path: Path) -> None:
@@ -114,7 +115,7 @@ def test_who_plays_has_time_for_what_one_that_hangs_was_to_play(tmp_path: Path) 
 
     end.look = look
     replace(end.farewell, evaluation=coordinator).wait_for_evaluators()
-    assert end.now == pytest.approx(3_600, abs=10)
+    assert end.now == pytest.approx(600, abs=10)
     assert end.said == []
 
 

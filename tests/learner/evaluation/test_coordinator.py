@@ -16,7 +16,7 @@ from common.protocol.evaluation import EvaluationJob, EvaluationReport
 from common.run.config import ProtocolConfig
 from learner.evaluation import snapshots
 from learner.evaluation.coordinator import (
-    LONGEST_GAME,
+    MAX_SILENCE,
     MAX_WAITING,
     NEWCOMER,
     EpochTest,
@@ -121,9 +121,7 @@ def test_a_test_whose_snapshot_was_removed_holds_up_no_other(
     tests.coordinator.snapshots.file(1).unlink()
     assert tests.ask("f").kind == "wait"
     (told,) = caplog.messages
-    assert told == (
-        "epoch 1 stays untested: its snapshot cannot be read (No such file or directory)"
-    )
+    assert told == "epoch 1 stays untested: its snapshot is missing"
     assert not tests.report("e", 1, 50, [1.0], done=True)
     assert (tests.ask("f").epoch, tests.coordinator.pending) == (2, 1)
 
@@ -142,6 +140,41 @@ def test_a_test_whose_snapshot_is_damaged_holds_up_no_other(
     assert file.exists(), "a checkpoint may name it"
     tests.coordinator.sweep()
     assert not file.exists()
+
+
+def test_a_snapshot_that_cannot_be_read_for_a_while_is_tested_later(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tests = Place(tmp_path, "e", "f")
+    tests.coordinator.add(epoch_test(1), b"weights")
+    assert tests.ask("f").steps == 50
+    wrong = Mock(side_effect=OSError(errno.EMFILE, "Too many open files"))
+    with monkeypatch.context() as patched:
+        patched.setattr(snapshots, "read_file", wrong)
+        for _ in range(3):
+            assert tests.ask("e").kind == "wait"
+        tests.coordinator.settle(replace(epoch_test(1), scores=[1.0]), None)
+    assert caplog.messages == [
+        "the snapshot of epoch 1 cannot be read (Too many open files): its test waits until it can",
+        "the weights of epoch 1, the best so far, are not kept: their snapshot cannot be read (Too "
+        "many open files)",
+    ]
+    assert (tests.ask("e").steps, tests.ask("e").weights) == (50, b"weights")
+    assert tests.report("f", 1, 50, [1.0], done=True)
+    assert tests.report("e", 1, 50, [1.0], done=True)
+    assert tests.coordinator.take_finished() is not None
+
+
+def test_damaged_weights_are_not_kept_as_the_best(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    coordinator = Place(tmp_path).coordinator
+    test = replace(epoch_test(1), scores=[1.0])
+    coordinator.add(test, b"weights")
+    coordinator.snapshots.file(1).write_bytes(b"weighty")
+    coordinator.settle(test, None)
+    assert caplog.messages[0].endswith("are not kept: their snapshot is damaged")
+    assert not coordinator.snapshots.best.exists()
 
 
 def test_a_test_of_a_former_versions_checkpoint_has_no_checksum(tmp_path: Path) -> None:
@@ -276,7 +309,7 @@ def test_an_evaluator_that_is_there_and_says_nothing_holds_up_no_test_for_ever(
     tests.coordinator.add(epoch_test(1), b"1")
     assert tests.ask("hangs").steps == tests.ask("plays").steps == 50
     for _ in range(2):
-        tests.now += 0.6 * LONGEST_GAME
+        tests.now += 0.6 * MAX_SILENCE
         assert tests.report("plays", 1, 20, [1.0], done=False)
         assert tests.coordinator.take_finished() is None
     assert tests.report("plays", 1, 10, [1.0], done=True)
@@ -286,6 +319,22 @@ def test_an_evaluator_that_is_there_and_says_nothing_holds_up_no_test_for_ever(
     finished = tests.coordinator.take_finished()
     assert finished is not None
     assert finished.steps == 100
+
+
+def test_an_evaluator_that_says_that_its_game_goes_on_keeps_its_test(tmp_path: Path) -> None:
+    """A game in slow real time may last for hours."""
+    tests = Place(tmp_path, "slow", "other")
+    tests.coordinator.add(epoch_test(1), b"1")
+    assert tests.ask("slow").steps == 50
+    for count in range(1, 10):
+        tests.now += 0.9 * MAX_SILENCE
+        assert tests.report("slow", 1, 0, [], done=False)
+        assert tests.coordinator.take_finished() is None
+        assert tests.coordinator.reports == count
+    assert tests.coordinator.steps_left == 100
+    assert tests.report("slow", 1, 50, [1.0], done=True)
+    assert not tests.report("other", 1, 0, [], done=False)
+    assert tests.coordinator.reports == 10
 
 
 def test_an_evaluator_that_asks_again_has_given_up_its_job(tmp_path: Path) -> None:
