@@ -17,6 +17,7 @@ from common.errors import MessageError
 from common.process.log_lines import Seldom
 from common.process.threads import guarded
 from common.transport.checksum import DamagedMessage, seal, unseal
+from common.transport.deaf_link import DeafLink
 from common.transport.interface import Answer, Envelope, Unanswered
 from common.transport.requests import LONGEST_ANSWER, PendingRequests, answer_request
 
@@ -145,7 +146,15 @@ class ZenohRequester:
     uses it.
     """
 
-    def __init__(self, session: zenoh.Session, key: str, deadline: float) -> None:
+    def __init__(
+        self,
+        session: zenoh.Session,
+        key: str,
+        deadline: float,
+        deaf: DeafLink | None = None,
+    ) -> None:
+        """``deaf`` is told which requests are answered."""
+        self._deaf = deaf
         self._querier: Any = session.declare_querier(
             key,
             timeout=deadline,
@@ -177,6 +186,8 @@ class ZenohRequester:
                     pending.settle(future, MessageError(text.decode(errors="replace")))
 
         def on_end() -> None:
+            if self._deaf is not None:
+                (self._deaf.hear if future.done() else self._deaf.miss)(self._key)
             pending.settle(future, Unanswered("nobody answered"))
 
         sealed = seal(self._key, payload)
@@ -186,3 +197,5 @@ class ZenohRequester:
 
     def close(self) -> None:
         self._pending.close()
+        if self._deaf is not None:
+            self._deaf.hear(self._key)

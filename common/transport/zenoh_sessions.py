@@ -197,7 +197,7 @@ def connect(
     began = time.monotonic()
     while True:
         try:
-            return ZenohTransport(zenoh.open(config))
+            return ZenohTransport(zenoh.open(config), connects=True)
         except zenoh.ZError:
             if stopped():
                 raise KeyboardInterrupt from None

@@ -10,7 +10,8 @@ from zenoh.handlers import FifoChannel
 
 from common.transport.access_control import LONGEST_RECEIVED
 from common.transport.checksum import seal
-from common.transport.hub_sockets import Address, address_in
+from common.transport.deaf_link import DeafLink
+from common.transport.hub_sockets import Address, address_in, end_connections
 from common.transport.interface import Answer, Closeable, Envelope, Publisher, Requester
 from common.transport.zenoh_entities import (
     Declared,
@@ -30,13 +31,17 @@ _T = TypeVar("_T", bound=Closeable)
 class ZenohTransport(AbstractContextManager["ZenohTransport"]):
     """Implements `Transport`; made by `zenoh_sessions`."""
 
-    def __init__(self, session: zenoh.Session, let_in: Set[str] | None = None) -> None:
+    def __init__(
+        self, session: zenoh.Session, let_in: Set[str] | None = None, *, connects: bool = False
+    ) -> None:
         """Args:
         let_in: names in certificates that this hub admits; None if it does not check.
+        connects: whether this is a client, which connects again if its connection ends.
         """
         self.session = session
         self._let_in = let_in
         self._declared: list[Closeable] = []
+        self._deaf = self.keep(DeafLink(self._end_links)) if connects else None
 
     def __exit__(self, *_: object) -> None:
         self.close()
@@ -55,7 +60,7 @@ class ZenohTransport(AbstractContextManager["ZenohTransport"]):
         return self.keep(Service(self.session, key, answer))
 
     def requester(self, key: str, deadline: float) -> Requester:
-        return self.keep(ZenohRequester(self.session, key, deadline))
+        return self.keep(ZenohRequester(self.session, key, deadline, self._deaf))
 
     def gather(self, key: str, deadline: float, payload: bytes = b"") -> list[Envelope]:
         sealed = seal(key, payload)
@@ -120,6 +125,15 @@ class ZenohTransport(AbstractContextManager["ZenohTransport"]):
         handler = callback_of("hear of links", hear)
         links = self.session.info.declare_link_events_listener(handler, history=True)
         return self.keep(Declared(links))
+
+    def _end_links(self) -> bool:
+        """Ends this process's connections; a client's session then connects again. Returns whether
+        there were any."""
+        links = self.session.info.links()
+        for link in links:
+            _, port = address_in(link.src)
+            end_connections(port, {address_in(link.dst)})
+        return bool(links)
 
     def keep(self, declared: _T) -> _T:
         """Returns ``declared``, which is closed with this transport."""

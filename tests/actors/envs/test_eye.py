@@ -31,10 +31,11 @@ class Scene:
                 sensor.take(screen, passed) if self.frozen is None else self.frozen
             )
         )
-        found: Any = lambda distortion: SimpleNamespace(
-            detect=lambda picture: Detection(picture, True, None)
-        )
-        monkeypatch.setattr(eye_module, "ScreenDetector", found)
+
+        def detector(distortion: float) -> Any:
+            return SimpleNamespace(detect=lambda picture: Detection(picture, True, None))
+
+        monkeypatch.setattr(eye_module, "ScreenDetector", detector)
         monkeypatch.setattr(eye_module, "luminance", lambda screen: screen)
         monkeypatch.setattr(eye_module, "shrink", lambda screen: screen)
         self.eye = Eye(robot, game, "camera")
