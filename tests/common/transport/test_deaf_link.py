@@ -98,7 +98,10 @@ def test_a_silent_hub_is_connected_to_anew_and_then_answers(
         drops = iter([True])
 
         def answer(request: Request) -> bytes | None:
-            return request.drop() if next(drops, False) else b"yes"
+            if next(drops, False):
+                request.drop()
+                return None
+            return b"yes"
 
         hub.serve("run/insert", answer)
         hub.watch_presence("run/alive/*", lambda key, present: presence.put(present))
