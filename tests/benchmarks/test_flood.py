@@ -22,9 +22,9 @@ def test_a_flood_is_turned_away_and_training_goes_on() -> None:
     assert flooded["updates"] > 0
     assert flooded["chunks"] >= flooded.get("chunks stored", 0)
     assert flooded["refused"] == 0  # nothing is wrong with the chunks
-    # On a slow machine the hub has cut the flooder off by then, which sends nothing meanwhile.
-    cut_off = flooded["chunks"] == flooded["heartbeats"] == 0
-    assert flooded["heartbeats"] > flooded["heartbeats_heard"] or cut_off
+    # On a slow machine the hub has cut the flooder off by then, or its turn is too short for a
+    # heartbeat between its chunks.
+    assert flooded["heartbeats"] > flooded["heartbeats_heard"] or flooded["heartbeats"] == 0
     assert {"chunk bytes", "requests"} <= set(flooded)
     assert busy["cpu"] > 0
     assert "chunks" not in busy
