@@ -82,6 +82,7 @@ class Ring:
         self._frame_stack = config.play.frame_stack
         self._n_step = config.learning.n_step
         self._clip_rewards = config.learning.clip_rewards
+        self._losses_end = config.learning.losses_end_returns
         self._previous = np.full(columns.capacity, -1, np.int64)
         self._next = np.full(columns.capacity, -1, np.int64)
         self._discounts = config.learning.discount ** np.arange(256, dtype=np.float64)
@@ -242,6 +243,8 @@ class Ring:
             most = rows["elapsed"][slots[:-1]].astype(np.float64)
             rewards = rewards.clip(-most, most)
         going_on = (rows["flags"][slots[:-1]] & TERMINATED) == 0
+        if self._losses_end:
+            going_on &= rewards >= 0
         discounts = self._discounts[rows["elapsed"][slots[:-1]]] * going_on
         so_far = np.cumprod(discounts, axis=0)
         returns = rewards[0] + (so_far[:-1] * rewards[1:]).sum(axis=0)

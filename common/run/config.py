@@ -131,6 +131,10 @@ class LearningConfig:
     domain randomization (OpenAI 2019), with one width for all ranges."""
     clip_rewards: bool = True
     """Clipping of each agent step's reward to [-1, 1]; scores are never clipped."""
+    losses_end_returns: bool = False
+    """End of the return at a negative reward, such as a lost point in Pong, as at a lost life
+    (Mnih et al. 2015). What follows is then lost too, so that losing counts for more than winning a
+    little later."""
     discount: Fraction = 0.99
     """γ per agent step."""
     n_step: FromOne = 3

@@ -190,7 +190,8 @@ def expected_transition(actor: Actor, number: int, config: RunConfig) -> Expecte
             gain = max(-moment.elapsed, min(moment.elapsed, gain))
         reward += discount * gain
         discount *= config.learning.discount**moment.elapsed
-        if moment.ending == TERMINATES:
+        lost = config.learning.losses_end_returns and gain < 0
+        if moment.ending == TERMINATES or lost:
             return Expected(begin.stack, begin.action, reward, 0.0, None)
         if moment.ending == TRUNCATES:
             after = [*moment.stack[1:], moment.final]

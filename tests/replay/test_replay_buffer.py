@@ -74,6 +74,7 @@ def check_batch(batch: Batch, actors: list[Actor], config: RunConfig) -> set[int
     frame_stack=st.sampled_from([2, 3, 4, 4]),
     n_step=st.sampled_from([1, 3, 5]),
     clip=st.booleans(),
+    losses_end=st.booleans(),
     sampler=st.sampled_from(["uniform", "prioritised"]),
     capacity=st.sampled_from([24, 40, 90]),
 )
@@ -83,6 +84,7 @@ def test_it_gives_what_a_replay_of_lists_gives(
     frame_stack: int,
     n_step: int,
     clip: bool,
+    losses_end: bool,
     sampler: str,
     capacity: int,
 ) -> None:
@@ -93,6 +95,7 @@ def test_it_gives_what_a_replay_of_lists_gives(
         frame_stack=frame_stack,
         n_step=n_step,
         clip_rewards=clip,
+        losses_end_returns=losses_end,
         sampler=sampler,
         capacity=capacity,
     )

@@ -122,7 +122,8 @@ def test_a_silent_hub_is_connected_to_anew_and_then_answers(
                     return False
 
             wait_until(is_answered, "the new connection brings answers")
-            assert (deaf := client._deaf) is not None
+            deaf = client._deaf
+            assert deaf is not None
             wait_until(lambda: not deaf._silences, "the silence is over")
     ended = "nothing was answered at run/insert, so this process has ended"
     assert caplog.messages[0].startswith(ended)
