@@ -14,9 +14,12 @@ import numpy as np
 import pytest
 
 from benchmarks.child import free_endpoint
+from common.process.command_line import parse_run
 from common.run.join import find_run
 from common.run.presets import PRESETS
 from common.transport.chosen import connect
+from learner.options import LearnerOptions
+from replay.__main__ import ReplayOptions
 from replay.__main__ import _line as replay_line
 from replay.chunk_statistics import Progress
 from replay.client import RemoteReplay
@@ -143,6 +146,28 @@ def test_what_cannot_be_is_said_in_one_line(tmp_path: Path, started: list[Proces
         assert refused.ended() == 2
         (line,) = refused.lines
         assert complaint in line
+
+
+def test_with_the_same_initial_network_its_settings_are_those_of_the_learner() -> None:
+    """`ale_pong` has other layers than the preset's."""
+    flags = ["--run", RUN, "--preset", "fast", "--initial", "ale_pong"]
+    learner, _ = parse_run(LearnerOptions, "learner", flags, lambda _: None)
+    replay, _ = parse_run(ReplayOptions, "replay", flags, lambda _: None)
+    assert replay.config == learner.config
+    assert replay.config.learning.layer_norm != _FAST.learning.layer_norm
+
+
+def test_its_command_to_go_on_leaves_the_initial_network_out(
+    tmp_path: Path, started: list[Process]
+) -> None:
+    """The run has its settings by then, and the file may be gone."""
+    started.append(Process(tmp_path, free_endpoint(), "--initial=ale_pong"))
+    started[0].wait_until_it_serves()
+    started[0].process.send_signal(signal.SIGTERM)
+    assert started[0].ended() == 0
+    *before, initial = started[0].command[1:]
+    assert initial == "--initial=ale_pong"
+    assert shlex.split(started[0].lines[-1]) == ["python", *before, "--resume"]
 
 
 def test_that_nobody_reads_what_it_says_is_no_reason_to_end(tmp_path: Path) -> None:
