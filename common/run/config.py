@@ -134,7 +134,7 @@ class LearningConfig:
     losses_end_returns: bool = False
     """End of the return at a negative reward, such as a lost point in Pong, as at a lost life
     (Mnih et al. 2015). What follows is then lost too, so that losing counts for more than winning a
-    little later."""
+    little later. Not for games in which each step costs something, such as Skiing."""
     discount: Fraction = 0.99
     """γ per agent step."""
     n_step: FromOne = 3
