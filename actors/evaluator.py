@@ -1,6 +1,7 @@
 """An evaluator: an actor that only plays, to test the snapshots that the learner hands out."""
 
 import time
+from concurrent.futures import Future
 from typing import Any
 
 from actors.absence import Absence
@@ -17,7 +18,7 @@ from common.protocol.chunk import Game
 from common.protocol.evaluation import EvaluationJob, EvaluationReport
 from common.protocol.weights import load_weights
 from common.schedule import Every
-from common.transport.interface import Unanswered
+from common.transport.interface import Envelope, Unanswered
 
 _ASK_AGAIN = 0.5
 _TIMEOUT = 5.0
@@ -88,7 +89,7 @@ class Evaluator:
         self._policy.epsilon = job.epsilon
         self._policy.weights_version = job.epoch
         reported = games = 0
-        signs = Every(_SIGN_SECONDS, time.monotonic)
+        signs, sign = Every(_SIGN_SECONDS, time.monotonic), None
         signs.restart()
         for steps, step in enumerate(play([self._env], self._policy, [seed]), start=1):
             self._counters.count(step)
@@ -105,8 +106,13 @@ class Evaluator:
                 if not self._report(report):
                     return
                 signs.restart()
-            elif signs.is_due() and not self._goes_on(job):
-                return
+            elif sign is None and signs.is_due():
+                sign = self._tell_that_it_goes_on(job)
+            if sign is not None and sign.done():
+                # No answer is not a no: the next report tells whether the test is forgotten.
+                if isinstance(sign.exception(), MessageError):
+                    return
+                sign = None
             if done or stop.is_set():
                 return
 
@@ -121,18 +127,11 @@ class Evaluator:
             return False
         return True
 
-    def _goes_on(self, job: EvaluationJob) -> bool:
-        """Tells the learner that a game of ``job`` goes on; returns False if it has been given to
-        another evaluator. The next report tells whether a learner that does not answer has
-        forgotten the test."""
+    def _tell_that_it_goes_on(self, job: EvaluationJob) -> Future[Envelope]:
+        """Tells the learner that a game of ``job`` goes on, which a game in real time does not wait
+        for; the answer is a MessageError if the test has been given to another evaluator."""
         sign = EvaluationReport(self._member.name, job.epoch, 0, (), False, run_id=job.run_id)
-        try:
-            self._reports.request(sign.encode()).result()
-        except MessageError:
-            return False
-        except Unanswered:
-            pass
-        return True
+        return self._reports.request(sign.encode())
 
     def _stats(self, leaving: bool) -> ActorStats:
         return self._counters.told(self._policy, leaving)

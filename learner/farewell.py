@@ -54,7 +54,7 @@ class Farewell:
         if self.evaluation.pending and self._evaluator_expected() and not self.stop.is_set():
             self.say(
                 f"No evaluator has reported for {_LAST_TESTS / 60:g} minutes, so epochs stay "
-                "untested: check whether they play."
+                "untested: check whether they play, and whether snapshots/ can be read."
             )
         self._look_while(lambda: self.registry.alive("evaluator"), _TO_LEAVE)
 

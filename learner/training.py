@@ -350,7 +350,8 @@ class Learner:
         if self.phases.phase_steps >= _LEAST_PHASE * self.phases.phase_length:
             self._end_phase()
         if self.phases.epoch == 1 and self.phases.phase_steps == 0:
-            # An epoch without steps, for what demonstrations alone have taught. A learner that was
-            # killed after the phase before ends it when it is resumed.
+            # All steps were of the warm-up, as where demonstrations have as many as the run: an
+            # epoch without steps, for what they have taught. A learner that was killed after the
+            # warm-up's end makes it when it is resumed.
             self._end_phase()
         farewell.wait_for_evaluators()

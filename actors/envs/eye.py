@@ -52,7 +52,7 @@ class Eye:
         # A seeded game may know nothing of an earlier one, not even where the screen was.
         self._detector = ScreenDetector(self._camera.distortion)
         self.detection = _UNSEEN
-        self._unseen = 0
+        self._unseen = self._now = 0
         self._shown.clear()
 
     def latency(self, rng: Generator) -> int:

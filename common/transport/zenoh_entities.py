@@ -17,8 +17,8 @@ from common.errors import MessageError
 from common.process.log_lines import Seldom
 from common.process.threads import guarded
 from common.transport.checksum import DamagedMessage, seal, unseal
-from common.transport.deaf_link import DeafLink
 from common.transport.interface import Answer, Envelope, Unanswered
+from common.transport.link_watch import LinkWatch
 from common.transport.requests import LONGEST_ANSWER, PendingRequests, answer_request
 
 _log = logging.getLogger(__name__)
@@ -151,10 +151,10 @@ class ZenohRequester:
         session: zenoh.Session,
         key: str,
         deadline: float,
-        deaf: DeafLink | None = None,
+        watch: LinkWatch | None = None,
     ) -> None:
-        """``deaf`` is told which requests are answered."""
-        self._deaf = deaf
+        """``watch`` is told which requests are answered."""
+        self._watch = watch
         self._querier: Any = session.declare_querier(
             key,
             timeout=deadline,
@@ -167,7 +167,10 @@ class ZenohRequester:
     @property
     def has_server(self) -> bool:
         # The status object itself is always true.
-        return bool(self._querier.matching_status.matching)
+        found = bool(self._querier.matching_status.matching)
+        if not found and self._watch is not None:
+            self._watch.unanswered(self._key)
+        return found
 
     def request(self, payload: bytes) -> Future[Envelope]:
         pending, future = self._pending, self._pending.begin()
@@ -186,8 +189,8 @@ class ZenohRequester:
                     pending.settle(future, MessageError(text.decode(errors="replace")))
 
         def on_end() -> None:
-            if self._deaf is not None:
-                (self._deaf.hear if future.done() else self._deaf.miss)(self._key)
+            if (watch := self._watch) is not None:
+                (watch.answered if future.done() else watch.unanswered)(self._key)
             pending.settle(future, Unanswered("nobody answered"))
 
         sealed = seal(self._key, payload)
@@ -197,5 +200,5 @@ class ZenohRequester:
 
     def close(self) -> None:
         self._pending.close()
-        if self._deaf is not None:
-            self._deaf.hear(self._key)
+        if self._watch is not None:
+            self._watch.answered(self._key)

@@ -10,9 +10,9 @@ from zenoh.handlers import FifoChannel
 
 from common.transport.access_control import LONGEST_RECEIVED
 from common.transport.checksum import seal
-from common.transport.deaf_link import DeafLink
 from common.transport.hub_sockets import Address, address_in, end_connections
 from common.transport.interface import Answer, Closeable, Envelope, Publisher, Requester
+from common.transport.link_watch import LinkWatch
 from common.transport.zenoh_entities import (
     Declared,
     Service,
@@ -41,7 +41,7 @@ class ZenohTransport(AbstractContextManager["ZenohTransport"]):
         self.session = session
         self._let_in = let_in
         self._declared: list[Closeable] = []
-        self._deaf = self.keep(DeafLink(self._end_links)) if connects else None
+        self._watch = self.keep(LinkWatch(self._end_links)) if connects else None
 
     def __exit__(self, *_: object) -> None:
         self.close()
@@ -60,7 +60,7 @@ class ZenohTransport(AbstractContextManager["ZenohTransport"]):
         return self.keep(Service(self.session, key, answer))
 
     def requester(self, key: str, deadline: float) -> Requester:
-        return self.keep(ZenohRequester(self.session, key, deadline, self._deaf))
+        return self.keep(ZenohRequester(self.session, key, deadline, self._watch))
 
     def gather(self, key: str, deadline: float, payload: bytes = b"") -> list[Envelope]:
         sealed = seal(key, payload)
@@ -129,10 +129,13 @@ class ZenohTransport(AbstractContextManager["ZenohTransport"]):
     def _end_links(self) -> bool:
         """Ends this process's connections; a client's session then connects again. Returns whether
         there were any."""
-        links = self.session.info.links()
-        for link in links:
-            _, port = address_in(link.src)
-            end_connections(port, {address_in(link.dst)})
+        try:
+            links = self.session.info.links()
+            for link in links:
+                _, port = address_in(link.src)
+                end_connections(port, {address_in(link.dst)})
+        except (OSError, zenoh.ZError):  # no more files may be open, or the session has closed
+            return False
         return bool(links)
 
     def keep(self, declared: _T) -> _T:

@@ -154,14 +154,14 @@ class EvaluationCoordinator:
                 "train_steps": test.total_train_steps,
                 "updates": test.weight_updates,
             }
+            text = "the weights of epoch %d, the best so far, are not kept: their snapshot %s"
             try:
                 weights = self.snapshots.read(test.epoch, test.checksum)
-            except (OSError, UnusableSnapshot) as error:  # or the run would end here
-                _log.warning(
-                    "the weights of epoch %d, the best so far, are not kept: their snapshot %s",
-                    test.epoch,
-                    f"cannot be read ({error.strerror})" if isinstance(error, OSError) else error,
-                )
+            except UnusableSnapshot as error:  # or the run would end here
+                _log.warning(text, test.epoch, error)
+            except OSError as error:
+                _log.warning(text, test.epoch, f"cannot be read now, and stays ({error.strerror})")
+                return
             else:
                 self.snapshots.keep_as_best(test.epoch, weights, card)
         with self._lock:
@@ -230,7 +230,9 @@ class EvaluationCoordinator:
         with self._lock:
             if evaluator in self._shards:
                 self._give_back(evaluator)
-            test = next((each for each in self._tests.values() if each.remaining > 0), None)
+            # A snapshot that cannot be read now holds up no other test.
+            left = (each for each in self._tests.values() if each.remaining > 0)
+            test = min(left, key=lambda each: each.epoch in self._unread, default=None)
             if test is None:
                 return EvaluationJob("finished" if self._over and not self._tests else "wait")
             steps = min(math.ceil(self.protocol.test_steps / everyone), test.remaining)
@@ -244,9 +246,7 @@ class EvaluationCoordinator:
             _log.warning("epoch %d stays untested: its snapshot %s", test.epoch, error)
             self._drop(test.epoch)  # or all later tests would wait for this one
             return EvaluationJob("wait")
-        except OSError as error:
-            with self._lock:
-                self._give_back(evaluator)
+        except OSError as error:  # the evaluator asks again, and gives its shard back by that
             if test.epoch not in self._unread:  # evaluators ask twice a second
                 self._unread.add(test.epoch)
                 _log.warning(
@@ -255,6 +255,7 @@ class EvaluationCoordinator:
                     error.strerror,
                 )
             return EvaluationJob("wait")
+        self._unread.discard(test.epoch)
         return EvaluationJob("test", test.epoch, steps, self.protocol.test_epsilon, weights)
 
     def take_report(self, report: EvaluationReport) -> None:

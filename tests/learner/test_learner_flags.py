@@ -122,6 +122,16 @@ def test_what_would_have_no_effect_is_refused(arguments: list[str], words: str) 
         learner(*arguments)
 
 
+def test_what_comes_from_the_initial_network_was_not_given(tmp_path: Path) -> None:
+    """The network is refused later, in words about its shape."""
+    trained = learner("--env", "ale", *QR, "--learning.quantiles", "9")
+    file = tmp_path / "nine.safetensors"
+    here = RunFolder(tmp_path, "here")
+    file.write_bytes(encode_weights(first_network(trained, here), trained.config))
+    made = learner("--env", "ale", "--initial", str(file), *DQN)
+    assert (made.config.learning.algorithm, made.config.learning.quantiles) == ("dqn", 9)
+
+
 def test_an_empty_name_is_not_that_of_the_usual_run() -> None:
     """As of `--run "$NAME"` in a script without a NAME."""
     assert run_name(learner()) == "robot-pong-robot"

@@ -22,7 +22,7 @@ class Scene:
         self.grey = 0
         self.frozen: np.ndarray | None = None
         camera = CameraConfig(latency=latency)
-        sensor = Sensor(camera, SHAPE)
+        self.sensor = sensor = Sensor(camera, SHAPE)
         sensor.begin_game(np.random.default_rng(0))
         emulator: Any = SimpleNamespace(screen_rgb=lambda: np.full(SHAPE, self.grey, np.uint8))
         game: Any = SimpleNamespace(emulator=emulator, conditions=SimpleNamespace(camera=camera))
@@ -89,3 +89,27 @@ def test_pictures_between_two_looks_are_late_by_their_own_time(
         seen = scene.look(grey + 2, 1)
         assert scene.eye.follows
         assert seen == grey
+
+
+def test_a_later_picture_of_the_same_moment_takes_the_place_of_the_first(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    scene = Scene(1, monkeypatch)
+    scene.look(10, 1)
+    for grey in (20, 30, 40):
+        scene.look(grey - 1, 1)
+        scene.grey = grey
+        scene.eye.wait(0)
+        assert [moment for moment, _ in scene.eye._shown] == sorted(
+            {moment for moment, _ in scene.eye._shown}
+        )
+
+
+def test_a_new_game_shows_nothing_of_the_one_before(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = Scene(3, monkeypatch)
+    for grey in range(10, 15):
+        scene.look(grey, 1)
+    scene.sensor.begin_game(np.random.default_rng(1))
+    scene.eye.begin_game()
+    assert (scene.look(90, 1), scene.eye.follows) == (90, True)
+    assert [int(screen[0, 0]) for _, screen in scene.eye._shown] == [90]

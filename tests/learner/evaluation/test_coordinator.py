@@ -13,6 +13,7 @@ import pytest
 from common.errors import MessageError
 from common.protocol.chunk import Game
 from common.protocol.evaluation import EvaluationJob, EvaluationReport
+from common.regular_file import read_file
 from common.run.config import ProtocolConfig
 from learner.evaluation import snapshots
 from learner.evaluation.coordinator import (
@@ -146,23 +147,35 @@ def test_a_snapshot_that_cannot_be_read_for_a_while_is_tested_later(
     tmp_path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     tests = Place(tmp_path, "e", "f")
-    tests.coordinator.add(epoch_test(1), b"weights")
+    coordinator = tests.coordinator
+    coordinator.add(epoch_test(1), b"weights")
     assert tests.ask("f").steps == 50
-    wrong = Mock(side_effect=OSError(errno.EMFILE, "Too many open files"))
+
+    def read_some(path: Path) -> bytes:
+        if path == coordinator.snapshots.file(1):
+            raise OSError(errno.EIO, "Input/output error")
+        return read_file(path)
+
     with monkeypatch.context() as patched:
-        patched.setattr(snapshots, "read_file", wrong)
-        for _ in range(3):
-            assert tests.ask("e").kind == "wait"
-        tests.coordinator.settle(replace(epoch_test(1), scores=[1.0]), None)
+        patched.setattr(snapshots, "read_file", read_some)
+        assert tests.ask("e").kind == "wait"
+        coordinator.add(epoch_test(2), b"others")
+        assert tests.ask("e").epoch == 2, "it holds up no other test"
+        assert tests.report("e", 2, 50, [1.0], done=True)
+        assert tests.ask("e").epoch == 2
+        assert tests.report("e", 2, 50, [1.0], done=True)
+        assert tests.ask("e").kind == "wait"
+        coordinator.settle(replace(epoch_test(1), scores=[1.0]), None)
+        coordinator.sweep()
     assert caplog.messages == [
-        "the snapshot of epoch 1 cannot be read (Too many open files): its test waits until it can",
-        "the weights of epoch 1, the best so far, are not kept: their snapshot cannot be read (Too "
-        "many open files)",
+        "the snapshot of epoch 1 cannot be read (Input/output error): its test waits until it can",
+        "the weights of epoch 1, the best so far, are not kept: their snapshot cannot be read now, "
+        "and stays (Input/output error)",
     ]
     assert (tests.ask("e").steps, tests.ask("e").weights) == (50, b"weights")
     assert tests.report("f", 1, 50, [1.0], done=True)
     assert tests.report("e", 1, 50, [1.0], done=True)
-    assert tests.coordinator.take_finished() is not None
+    assert [coordinator.take_finished() is not None for _ in range(3)] == [True, True, False]
 
 
 def test_damaged_weights_are_not_kept_as_the_best(
