@@ -66,7 +66,7 @@ Train a robot on this machine until Ctrl-C.
   --game GAME          pong (default), breakout, …; list: ale-robot --help-all
   --preset NAME        settings to start from: robot (default), fast or paper
   --actors N           number of robots that play at the same time (default 1)
-  --steps N            agent steps at which the run ends; 400,000 take 20 to 90 min
+  --steps N            agent steps at which to end; 400,000 take 20 to 90 min
   --initial NAME|FILE  network to start from, with its layers
   --demonstrations FOLDER   recorded games with which the replay starts
   --play.vector        commands, keys and joints as input, beside the frames
