@@ -14,6 +14,7 @@ from actors.envs.game import AtariGame
 from actors.envs.observation import shrink
 from actors.envs.phosphor import luminance
 from actors.robots.interface import Robot
+from actors.robots.room.sensor import newest_due
 from actors.vision.screen_detector import Detection, ScreenDetector, is_blank
 from common.protocol.step_fields import FRAME_SHAPE
 from common.run.conditions import CameraConfig
@@ -42,8 +43,8 @@ class Eye:
         self._now = 0
         """Agent steps of game time until the last picture."""
         self._shown: deque[tuple[int, NDArray[np.uint8]]] = deque()
-        """The game's own pictures, with their times, since that which the camera's last picture
-        shows; oldest first."""
+        """The game's own pictures since the one that the camera's last picture shows, with their
+        agent steps, oldest first."""
         self._shown_before = np.zeros(0, np.uint8)
         """The oldest of them at the `look` before."""
 
@@ -113,9 +114,7 @@ class Eye:
         if passed == 0 and self._shown:
             self._shown.pop()  # a picture of the same moment
         self._shown.append((self._now, screen))
-        due = self._now - self._camera.latency
-        while len(self._shown) > 1 and self._shown[1][0] <= due:
-            self._shown.popleft()
+        newest_due(self._shown, self._now - self._camera.latency)  # drops what is seen no more
         return self._robot.camera_picture(screen, passed)
 
     def _detect(self) -> None:

@@ -4,7 +4,6 @@ The preset is read first and gives the defaults of all other flags, so `--help` 
 that a run would really use.
 """
 
-import argparse
 import contextlib
 import dataclasses
 import inspect
@@ -151,15 +150,11 @@ def started_by(module: str) -> str:
 
 
 def without_flags(
-    arguments: Sequence[str], valued: Sequence[str] = (), plain: Sequence[str] = ()
+    arguments: Sequence[str], valued: Sequence[str], plain: Sequence[str]
 ) -> list[str]:
     """Returns ``arguments`` without the flags ``valued``, which have a value, and ``plain``."""
-    known = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
-    for flag in valued:
-        known.add_argument(flag)
-    for flag in plain:
-        known.add_argument(flag, action="store_true")
-    return known.parse_known_args(list(arguments))[1]
+    _, rest = read_first(arguments, {flag: [flag] for flag in valued})
+    return [argument for argument in rest if argument not in plain]
 
 
 def parse(

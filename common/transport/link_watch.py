@@ -1,8 +1,8 @@
-"""`LinkWatch`: ends a client's connection that brings no answers any more, so that it is made anew.
+"""`LinkWatch`: closes a client's connection if requests stay unanswered; Zenoh then reconnects.
 
-If bits of Zenoh's own messages change on their way, a client may know no server any more, or drop
-all that comes, for as long as the connection lasts (benchmarks/LOG.md). Keep-alives go on, so
-neither side ends it.
+Corrupted bits in Zenoh's own messages can break a connection for good: the client no longer finds
+the server, or discards every answer (benchmarks/LOG.md). Neither side closes such a connection,
+because keep-alives still arrive.
 """
 
 import logging
@@ -30,7 +30,7 @@ def _spread() -> float:
 
 @dataclass
 class _Silence:
-    """A key that was not answered since a while."""
+    """A key whose recent requests were all left unanswered."""
 
     last: float
     """Time of the last request that was not answered."""

@@ -168,6 +168,7 @@ class ZenohRequester:
     def has_server(self) -> bool:
         # The status object itself is always true.
         found = bool(self._querier.matching_status.matching)
+        # Whoever finds none sends nothing, so that no request would end unanswered.
         if not found and self._watch is not None:
             self._watch.unanswered(self._key)
         return found

@@ -83,7 +83,8 @@ class EvaluationCoordinator:
         self._unread: set[int] = set()
         """Epochs whose snapshots could not be read. People have been told."""
         self._over = False
-        self._reports = 0
+        self.reports = 0
+        """Number of reports that were taken so far."""
         self._backlog = MAX_WAITING
         """Number of waiting tests above which people are told; it doubles, because epochs may take
         a second each."""
@@ -177,11 +178,6 @@ class EvaluationCoordinator:
         return len(self._tests)
 
     @property
-    def reports(self) -> int:
-        """Number of reports that were taken so far."""
-        return self._reports
-
-    @property
     def steps_left(self) -> int:
         """Agent steps of all tests that still have to be played."""
         with self._lock:
@@ -271,7 +267,7 @@ class EvaluationCoordinator:
                 raise MessageError("that test was given to somebody else")
             if shard.left <= 0:
                 raise MessageError("all its steps are played")
-            self._reports += 1
+            self.reports += 1
             test.steps += report.steps
             shard.left -= report.steps
             shard.heard = self.now()

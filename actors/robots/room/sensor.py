@@ -40,6 +40,18 @@ class _Known(NamedTuple):
     """Window that has to be developed for it."""
 
 
+def newest_due(pictures: deque[tuple[int, NDArray[np.uint8]]], due: int) -> NDArray[np.uint8]:
+    """Returns the newest of the ``pictures`` that were taken by ``due``, or else the first one;
+    drops all before it.
+
+    Args:
+        pictures: at least one, with the agent step of each, oldest first.
+    """
+    while len(pictures) > 1 and pictures[1][0] <= due:
+        pictures.popleft()
+    return pictures[0][1]
+
+
 class Sensor:
     """Turns a pinhole's picture into the picture that the robot gets.
 
@@ -93,10 +105,7 @@ class Sensor:
         lost = config.dropped > 0 and self._rng.random() < config.dropped
         if not (lost and self._late):
             self._late.append((self._now, self._exposed(ideal, backdrop)))
-        # Returns the newest picture that is late enough, or a game's first one until there is one.
-        while len(self._late) > 1 and self._late[1][0] <= self._now - config.latency:
-            self._late.popleft()
-        return self._late[0][1]
+        return newest_due(self._late, self._now - config.latency)
 
     def _exposed(self, ideal: NDArray[np.uint8], backdrop: Backdrop | None) -> NDArray[np.uint8]:
         if self.lens is None and self._reach == 0 and self._tones is None:
