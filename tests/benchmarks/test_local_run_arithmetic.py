@@ -93,12 +93,17 @@ def test_shares_of_processor_time_are_of_all_cores() -> None:
 
 
 def test_processes_are_told_apart(tmp_path: Path) -> None:
-    child = "import sys; sys.stdin.read()"
+    child = "import sys; print('started', flush=True); sys.stdin.read()"
     children = [
-        subprocess.Popen([sys.executable, "-c", child, *flags], stdin=subprocess.PIPE)
+        subprocess.Popen(
+            [sys.executable, "-c", child, *flags], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+        )
         for flags in ([], ["--evaluator"])
     ]
     try:
+        for each in children:
+            # Until a process has its own program, the kernel gives it an empty command line.
+            assert each.stdout is not None and each.stdout.readline() == b"started\n"
         found = _cpu_times(os.getpid())
         assert found[os.getpid()][0] == "learner"
         assert found[os.getpid()][1] == pytest.approx(sum(os.times()[:2]), abs=0.5)
