@@ -16,7 +16,8 @@ from common.process.threads import repeat
 from common.schedule import Now
 
 _LOOK = 1.0
-_FIRST_PATIENCE = 20.0
+FIRST_PATIENCE = 20.0
+"""Seconds of silence, before their spread, after which a connection is first closed."""
 _LONGEST_PATIENCE = 600.0
 _RECENT = 10.0
 """Seconds after its last request in which a client still counts as one that asks. Requests wait for
@@ -75,8 +76,8 @@ class LinkWatch:
             now = self._now()
             silence = self._silences.get(key)
             if silence is None or now - silence.last > _RECENT:
-                until = now + _FIRST_PATIENCE * self._spread()
-                self._silences[key] = _Silence(now, until, _FIRST_PATIENCE)
+                until = now + FIRST_PATIENCE * self._spread()
+                self._silences[key] = _Silence(now, until, FIRST_PATIENCE)
             else:
                 silence.last = now
 

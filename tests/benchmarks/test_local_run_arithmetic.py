@@ -103,7 +103,8 @@ def test_processes_are_told_apart(tmp_path: Path) -> None:
     try:
         for each in children:
             # Until a process has its own program, the kernel gives it an empty command line.
-            assert each.stdout is not None and each.stdout.readline() == b"started\n"
+            assert each.stdout is not None
+            assert each.stdout.readline() == b"started\n"
         found = _cpu_times(os.getpid())
         assert found[os.getpid()][0] == "learner"
         assert found[os.getpid()][1] == pytest.approx(sum(os.times()[:2]), abs=0.5)

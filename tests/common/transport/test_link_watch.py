@@ -120,7 +120,7 @@ def test_a_silent_hub_is_connected_to_anew_and_then_answers(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setattr(link_watch, "_LOOK", 0.02)
-    monkeypatch.setattr(link_watch, "_FIRST_PATIENCE", 0.3)
+    monkeypatch.setattr(link_watch, "FIRST_PATIENCE", 0.3)
     endpoint = free_endpoint()
     presence: queue.Queue[bool] = queue.Queue()
     with open_hub(endpoint) as hub:
