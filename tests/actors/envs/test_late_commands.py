@@ -155,6 +155,12 @@ def test_slow_arms_take_longer_from_key_to_key(room: Nao) -> None:
         return pressed_after(hands, DOWN).index(DOWN)
 
     assert crossing(room) + 2 <= crossing(slow) <= 12
+
+    def firing(hands: Hands) -> int:
+        hands.rest()
+        return pressed_after(hands, FIRE).index(FIRE)
+
+    assert firing(room) < firing(slow) <= 4  # the right arm, too
     slow.close()
 
 

@@ -57,6 +57,13 @@ def test_a_key_is_pressed_as_soon_after_any_rest(room: Nao) -> None:
         assert hold(room, Keys.RIGHT, 2) == [Keys.NONE, Keys.RIGHT], rest
 
 
+@pytest.mark.parametrize("keys", [Keys.UP, Keys.DOWN, Keys.LEFT, Keys.RIGHT, Keys.FIRE])
+def test_a_key_is_pressed_as_soon_after_a_reset(room: Nao, keys: Keys) -> None:
+    """The first command of a game need not lift the finger first."""
+    room.rest()
+    assert hold(room, keys, 2) == [Keys.NONE, keys]
+
+
 def test_random_play_pushes_no_key_through_its_stop(room: Nao) -> None:
     room.rest()
     rng = np.random.default_rng(0)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from actors.robots.nao.arms import Arm
+from actors.robots.nao.arms import PATIENCE, Arm
 from actors.robots.nao.controller import BOX, CENTRE, CROSS_MIDDLE, KEY_TOP, TRAVEL
 from actors.robots.nao.kinematics import ArmChain
 from actors.robots.nao.posture import FINGERTIP_RADIUS
@@ -121,6 +121,22 @@ def test_a_plate_over_the_keys_is_not_passed_and_does_no_harm(room: Nao) -> None
     assert hold_back(room, 5 * SECOND, 1, above=under + 0.0005) < 4 * free
     room._engine.removeBody(body)
     assert recovers(room)
+
+
+@pytest.mark.parametrize(("old", "new"), [(Keys.LEFT, Keys.RIGHT), (Keys.RIGHT, Keys.LEFT)])
+def test_a_finger_that_is_caught_at_a_wall_climbs_over_it(room: Nao, old: Keys, new: Keys) -> None:
+    """The usual way is 1.5 mm + 0.5 · (1.5 mm + 3.2 mm) = 3.9 mm above the keys; the wall is 8 mm
+    high. The way of a caught finger is 1.5 mm + 2 · 4.7 mm = 10.9 mm above them."""
+    room.rest()
+    room.command(old)
+    assert [room.step_frame() for _ in range(10)][-1] == old
+    bottom, top = DESK_TOP + KEY_TOP + 0.001, DESK_TOP + KEY_TOP + 0.008
+    x, y = CENTRE[0] + CROSS_MIDDLE[0], CENTRE[1] + CROSS_MIDDLE[1]
+    plate(room, (x, y, (bottom + top) / 2), (0.03, 0.0005, (top - bottom) / 2))
+    room.command(new)
+    way = [room.step_frame() for _ in range(SECOND // 2)]
+    assert set(way[4:PATIENCE]) == {Keys.NONE}  # no key is pressed this side of the wall
+    assert way[-1] == new
 
 
 def test_a_box_that_stands_in_a_fingertip_pushes_it_out_gently(room: Nao) -> None:
