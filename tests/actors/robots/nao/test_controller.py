@@ -113,6 +113,20 @@ def test_a_fingertip_has_room_on_exactly_its_keys(keys: Keys) -> None:
             assert gap > FINGERTIP_RADIUS + 0.001
 
 
+def test_all_of_a_cap_is_within_its_radius(engine: Any, controller: Controller) -> None:
+    """A disc's rim is √(r² + (h / 2)²) from its centre, a box's corner half the box's diagonal."""
+    radii = dict(controller.movables)
+    reaches = {}
+    for _, link, kind, size, *_ in engine.getVisualShapeData(controller.body):
+        if kind == engine.GEOM_CYLINDER:
+            height, radius, _ = size
+            reaches[link] = math.hypot(radius, height / 2)
+        elif link in radii:
+            reaches[link] = math.hypot(*size) / 2
+    assert reaches.keys() == radii.keys()
+    assert all(radii[link] >= reach - 1e-9 for link, reach in reaches.items())
+
+
 @pytest.mark.parametrize("key", list(KEY_PLACES))
 def test_the_stop_is_hard(engine: Any, controller: Controller, key: Keys) -> None:
     """A key that was pushed beyond its stop is back at it after the next reading."""

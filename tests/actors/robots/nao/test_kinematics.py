@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from actors.robots.nao import kinematics
 from actors.robots.nao.kinematics import ArmChain, OutOfReach
 from actors.robots.nao.posture import FINGERTIP_IN_HAND, HELD_ANGLES
 from actors.robots.nao.robot import Nao
@@ -44,6 +45,35 @@ def test_reach_finds_angles_within_the_limits(side: str) -> None:
         assert np.linalg.norm(chain.fingertip(angles) - point) < 1e-5
         assert (angles >= chain.lower).all()
         assert (angles <= chain.upper).all()
+
+
+@pytest.mark.parametrize("side", ["L", "R"])
+def test_of_all_solutions_reach_takes_the_one_nearest_to_its_start(side: str) -> None:
+    """Four joints leave one direction in which the fingertip stays: along it the way from the start
+    has no part, so no step along it leads nearer."""
+    chain = ArmChain(side)
+    home = chain.fingertip(START[side])
+    rng = np.random.default_rng(5)
+    for _ in range(5):
+        angles = chain.reach(home + rng.uniform(-0.02, 0.02, 3), START[side])
+        slopes = [
+            (chain.fingertip(angles + step) - chain.fingertip(angles - step)) / 2e-6
+            for step in 1e-6 * np.eye(4)
+        ]
+        free = np.linalg.svd(np.array(slopes).T)[2][-1]
+        away = angles - START[side]
+        assert np.linalg.norm(away) > 0.01
+        assert abs(free @ away) < 1e-4
+
+
+def test_a_search_that_ends_beside_the_point_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    """After one linear step of 20 mm the fingertip is more than 0.01 mm off."""
+    chain = ArmChain("L")
+    point = chain.fingertip(START["L"]) + np.array([0.0, 0.0, 0.02])
+    chain.reach(point, START["L"])
+    monkeypatch.setattr(kinematics, "_STEPS", 1)
+    with pytest.raises(OutOfReach, match=r"stays [0-3]\.\d\d mm from"):
+        chain.reach(point, START["L"])
 
 
 def test_a_point_out_of_reach_is_refused() -> None:
