@@ -1,11 +1,13 @@
 """The room as an environment uses it: repeatable, isolated from other rooms, viewable."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from actors.robots.interface import ViewName
-from actors.robots.nao.controller import RELEASE_DEPTH
+from actors.robots.nao.controller import KEY_PLACES, PRESS_DEPTH, RELEASE_DEPTH
 from actors.robots.nao.robot import Nao
 from actors.robots.room import scene
 from actors.robots.room import viewpoint as module
@@ -35,6 +37,16 @@ def test_reset_leaves_nothing_behind(room: Nao) -> None:
     trace(room, 2)
     room.rest()
     assert np.array_equal(first, trace(room, 1))
+
+
+def test_at_a_reset_no_key_is_held_even_before_the_first_frame(room: Nao) -> None:
+    room.rest()
+    room.command(Keys.FIRE)
+    for _ in range(8):
+        room.step_frame()
+    before = room.held
+    room.rest()
+    assert (before, room.held) == (Keys.FIRE, Keys.NONE)
 
 
 def test_two_rooms_are_the_same_and_do_not_touch(room: Nao) -> None:
@@ -74,15 +86,20 @@ def test_view_shows_robot_and_game(room: Nao) -> None:
     assert (bodies == room.controller.body).any()
 
 
+def any_green(picture: NDArray[np.uint8]) -> bool:
+    """Whether it shows a pressed key."""
+    red, green, blue = np.moveaxis(picture.astype(int), 2, 0)
+    return bool(((green > red + 60) & (green > blue + 60)).any())
+
+
 def test_view_shows_a_pressed_key(room: Nao) -> None:
     room.rest()
     before = room.view(GAME, 320, 240)
     room.command(Keys.FIRE)
     for _ in range(8):
         room.step_frame()
-    after = room.view(GAME, 320, 240).astype(int)
-    green = (after[:, :, 1] > after[:, :, 0] + 60) & (after[:, :, 1] > after[:, :, 2] + 60)
-    assert green.any()
+    after = room.view(GAME, 320, 240)
+    assert any_green(after)
     assert not np.array_equal(before, after)
 
 
@@ -99,8 +116,8 @@ def test_a_view_that_turns_keeps_its_distance_and_is_not_kept_for_ever(room: Nao
     away, before = (np.subtract(each.position, each.target) for each in (turned, VISITOR))
     np.testing.assert_allclose(away, (-before[1], before[0], before[2]))
     room.rest()
-    for turn in range(20):
-        room.view(GAME, 32, 24, turn=float(turn))
+    seen = [room.view(GAME, 32, 24, turn=float(turn)) for turn in range(20)]
+    assert not any(np.array_equal(*each) for each in pairwise(seen))
     views = room._views._views
     assert sum(key == (VISITOR, 32, 24) for key in views) == 1  # those before do not come again
     for width in range(20):
@@ -149,6 +166,36 @@ def test_of_a_view_only_what_moved_is_rendered_anew(
     # Only all of it, and then the window.
     assert windows[1::2] == [1.0] * 3
     assert 0.0 < max(windows[::2]) < 0.65
+
+
+def set_key(room: Nao, key: Keys, depth: float) -> None:
+    joint = dict(zip(KEY_PLACES, dict(room.controller.movables), strict=True))[key]
+    room._engine.resetJointState(room.controller.body, joint, depth)
+
+
+def test_a_key_that_changes_its_colour_is_drawn_anew_however_little_it_moves(room: Nao) -> None:
+    """It moves by 0.02 mm; of other things, what moves by 0.1 m / 320 = 0.3 mm is drawn."""
+    room.rest()
+    for depth, held in ((PRESS_DEPTH - 1e-5, Keys.NONE), (PRESS_DEPTH + 1e-5, Keys.UP)):
+        set_key(room, Keys.UP, depth)
+        assert room.controller.pressed() == held
+        assert any_green(room.view(GAME, 320, 240, "hands")) == bool(held)
+    room.rest()
+
+
+def test_what_moves_slowly_is_drawn_once_it_has_moved_enough(
+    room: Nao, windows: list[float]
+) -> None:
+    """Up goes down by 0.1 mm a picture, beside a button that moves by 1 mm. What moved by more than
+    0.1 m / 320 = 0.31 mm since it was last drawn is in the window: Up in every fourth picture."""
+    room.rest()
+    for number in range(14):
+        set_key(room, Keys.UP, number * 1e-4)
+        set_key(room, Keys.FIRE, number % 2 * 1e-3)
+        room.view(GAME, 320, 240, "hands")
+    least = min(windows)  # of the button alone
+    assert [number for number, share in enumerate(windows) if share > 1.5 * least] == [0, 4, 8, 12]
+    room.rest()
 
 
 def test_of_a_view_without_visible_movement_nothing_is_rendered_anew(

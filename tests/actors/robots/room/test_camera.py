@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 
 from actors.robots.nao.robot import Nao
+from actors.robots.room.camera import Camera
 from actors.robots.room.furniture import PICTURE_CORNERS, PICTURE_HEIGHT, PICTURE_WIDTH
-from common.actions import KEYS_OF_ACTION
+from actors.robots.room.still_view import StillView
+from common.actions import KEYS_OF_ACTION, Keys
 from common.run.conditions import PERFECT_CAMERA, CameraConfig
 
 
@@ -79,6 +81,42 @@ def test_may_see_has_no_false_negatives(room: Nao) -> None:
             assert view._scene() != "nothing that moves"
     assert seen > 0
     room.rest()
+
+
+def camera_at_the_origin(room: Nao) -> Camera:
+    """Returns one that looks along x; its view ends where y = ±x and z = ±x."""
+    ahead, up = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
+    return Camera(room._engine, np.zeros(3), ahead, up, size=(64, 64), angles=(90.0, 90.0))
+
+
+@pytest.mark.parametrize("beyond", [(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)])
+def test_a_ball_may_be_seen_if_it_reaches_into_the_view(
+    room: Nao, beyond: tuple[float, float]
+) -> None:
+    """A point that is d beyond the edge, along y or z, is d / √2 from the edge's plane."""
+    camera = camera_at_the_origin(room)
+    for distance, seen in ((0.14, True), (0.143, False)):  # 0.09899 and 0.10112
+        y, z = (side * (1.0 + distance) for side in beyond)
+        assert camera.may_see([(1.0, y, z)], [0.1]) is seen
+
+
+def test_what_reaches_behind_the_camera_may_be_anywhere_in_the_picture(room: Nao) -> None:
+    camera = camera_at_the_origin(room)
+    before, behind = (1.0, 0.1, 0.1), (-1.0, 0.1, 0.1)
+    assert camera.window_of(np.array([before, behind])) == camera.whole
+    assert camera.window_of(np.array([before])) != camera.whole
+
+
+def test_a_still_view_of_the_keys_shows_their_colours(room: Nao) -> None:
+    room.rest()
+    camera = room.viewpoints["hands"].camera(room._engine, 160, 120)
+    view = StillView(room._engine, camera, room._moves, room._appearance)
+    for keys in (Keys.NONE, Keys.FIRE, Keys.NONE):
+        room.command(keys)
+        assert [room.step_frame() for _ in range(8)][-1] == keys
+        red, green, blue = np.moveaxis(view.rendering().rgb.astype(int), 2, 0)
+        bright = (green > red + 60) & (green > blue + 60)
+        assert bright.any() == (keys == Keys.FIRE)
 
 
 def test_projected_corners_are_where_the_renderer_draws(room: Nao) -> None:

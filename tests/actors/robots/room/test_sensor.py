@@ -351,7 +351,21 @@ def test_the_eye_turns_and_the_screen_moves_as_told(room: Nao) -> None:
         gaze(room.mount.camera(room._engine, pitch=5)),
     )
     assert left[1] > 0.05
+    assert left[2] == pytest.approx(gaze(usual)[2])  # about the vertical
     assert down[2] < gaze(usual)[2] - 0.05
+    room.set_eye(PERFECT_CAMERA)
+
+
+def test_points_are_seen_where_the_lens_shows_them(room: Nao) -> None:
+    """A white spot in the middle of the game, beside the middle of the robot's picture."""
+    game = np.zeros((210, 160, 3), np.uint8)
+    game[95:115, 72:88] = 255
+    for yaw, pitch in ((8.0, 6.0), (-8.0, 6.0), (0.0, -8.0)):
+        room.set_eye(CameraConfig(distortion=0.08, yaw=yaw, pitch=pitch))
+        dark, lit = (room.camera_picture(each)[:, :, 0] for each in (0 * game, game))
+        rows, columns = np.nonzero(lit.astype(int) - dark > 127)
+        ((x, y),) = room.seen_at(room.furniture.picture_corners.mean(axis=0)[None])
+        assert (columns.mean(), rows.mean()) == pytest.approx((x, y), abs=1.0)
     room.set_eye(PERFECT_CAMERA)
 
 
@@ -367,8 +381,10 @@ def test_a_tilted_screen_leans_back_about_its_middle(room: Nao) -> None:
     assert corners[:2, 2] - middle[2] == pytest.approx(half * np.sqrt(3) / 2)
     assert corners[2:, 0] - middle[0] == pytest.approx(-half * 0.5)
     assert corners[:, 1] == pytest.approx(PICTURE_CORNERS[:, 1])
+    sheet = room.view_of_robot.camera.render().bodies == room.furniture.screen
     room.rest()
     assert np.array_equal(room.furniture.picture_corners, corners)
+    assert np.array_equal(room.view_of_robot.camera.render().bodies == room.furniture.screen, sheet)
     room.set_eye(PERFECT_CAMERA)
 
 
