@@ -185,6 +185,23 @@ def test_what_a_killed_process_left_beside_a_file_is_in_nobodys_way(tmp_path: Pa
     }
 
 
+@pytest.mark.parametrize("name", ["file.tmp", "file.kept"])
+def test_a_link_in_place_of_a_leftover_leads_nowhere(tmp_path: Path, name: str) -> None:
+    """What it points to is not written to, and the link takes no file's place."""
+    elsewhere, folder = tmp_path / "elsewhere", tmp_path / "folder"
+    elsewhere.write_text("somebody else's")
+    folder.mkdir()
+    (folder / "file").write_text("1")
+    (folder / name).symlink_to(elsewhere)
+    write_atomically(folder / "file", b"2", folder / "former")
+    assert elsewhere.read_text() == "somebody else's"
+    assert not any(each.is_symlink() for each in folder.iterdir())
+    assert {each.name: each.read_text() for each in folder.iterdir()} == {
+        "file": "2",
+        "former": "1",
+    }
+
+
 def test_a_folder_that_a_file_lacks_is_made_and_the_file_is_not(tmp_path: Path) -> None:
     check_new_file(tmp_path / "new" / "folder" / "new.json")
     assert list((tmp_path / "new" / "folder").iterdir()) == []

@@ -174,6 +174,7 @@ def test_a_run_is_learned_stopped_and_continued(tmp_path: Path) -> None:
         {"books": [1]},
         {"tests": [{"epoch": 1, "unheard_of": 2}]},
         {"actors": {"processes": [{}]}},
+        {"actors": {"processes": [1]}},
         {"actors": [{"name": "a", "role": "actor", "key_times": [1, 2]}]},
         {"actors": None},
     ],

@@ -110,6 +110,16 @@ def test_counters_that_changed_on_the_disk_are_noticed(tmp_path: Path) -> None:
         load(checkpoint)
 
 
+def test_a_tensors_name_that_changed_on_the_disk_is_noticed(tmp_path: Path) -> None:
+    """It is damage, and not another network's checkpoint."""
+    checkpoint = checkpoint_of(tmp_path, _algorithm(0))
+    checkpoint.save({"updates": 1})
+    content = checkpoint.path.read_bytes()
+    checkpoint.path.write_bytes(content.replace(b'"target.', b'"targev.'))
+    with pytest.raises(InputError, match="checksum does not match"):
+        load(checkpoint)
+
+
 def _cut(path: Path) -> None:
     path.write_bytes(path.read_bytes()[:-100])
 
@@ -119,7 +129,22 @@ def _into_a_pipe(path: Path) -> None:
     os.mkfifo(path)  # who opens one waits for a writer for ever
 
 
-@pytest.mark.parametrize("spoil", [_cut, Path.unlink, _into_a_pipe])
+def _counters(path: Path, text: str) -> None:
+    """Gives the file other counters, and the right checksum."""
+    with safe_open(path, "pt") as file:
+        tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+    path.write_bytes(save(tensors, {"state": text, "checksum": str(_crc32(tensors, text))}))
+
+
+def _no_table(path: Path) -> None:
+    _counters(path, '["updates"]')
+
+
+def _without_end(path: Path) -> None:
+    _counters(path, "[" * 100_000)  # deeper than Python's parser goes
+
+
+@pytest.mark.parametrize("spoil", [_cut, Path.unlink, _into_a_pipe, _no_table, _without_end])
 def test_the_one_before_takes_the_place_of_one_that_is_damaged_or_missing(
     tmp_path: Path, spoil: Callable[[Path], None]
 ) -> None:
@@ -172,6 +197,21 @@ def test_another_networks_checkpoint_is_refused(tmp_path: Path) -> None:
         load(checkpoint_of(tmp_path, other))
 
 
+@pytest.mark.parametrize("error", [IndexError, KeyError, ValueError, RuntimeError])
+def test_whatever_an_algorithm_makes_of_other_tensors_is_told_in_a_sentence(
+    tmp_path: Path, error: type[Exception]
+) -> None:
+    """PyTorch raises RuntimeError; who looks a tensor up that is missing, a LookupError."""
+
+    def load_state(tensors: Any) -> None:
+        raise error("weight")
+
+    algorithm: Any = SimpleNamespace(state=dict, load_state=load_state)
+    checkpoint_of(tmp_path, algorithm).save({"updates": 1})
+    with pytest.raises(InputError, match=r"another network or optimizer \('?weight'?\): give"):
+        load(checkpoint_of(tmp_path, algorithm))
+
+
 def test_a_checkpoint_from_before_it_told_its_settings_is_read(tmp_path: Path) -> None:
     checkpoint = checkpoint_of(tmp_path, _algorithm(0))
     checkpoint.save({"updates": 1})
@@ -203,6 +243,9 @@ def test_there_must_be_room_for_two_more(
         checkpoint.check_room()
     assert refused.value.errno == errno.ENOSPC
     assert refused.value.filename == str(checkpoint.path.parent)
+    checkpoint.path.write_bytes(bytes(2**20 + 1))
+    with pytest.raises(OSError, match="it needs 3 MiB"):  # 2 would be two bytes too few
+        checkpoint.check_room()
 
 
 def test_a_file_system_without_a_limit_has_room(
