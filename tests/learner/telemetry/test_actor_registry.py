@@ -420,3 +420,129 @@ def test_two_processes_of_one_name_are_told_once(told: Told) -> None:
         told.say(1.0, incarnation=incarnation)
     notes = told.registry.take_notes()
     assert [note.partition(",")[0] for note in notes] == ["two processes are called a1"]
+
+
+def test_signs_of_life_are_tokens_and_heartbeats(told: Told) -> None:
+    def silence() -> float:
+        told.now += 3.0
+        return told.registry.actors()[0].silent_for
+
+    told.registry._on_presence(KEYS.live("actor", "a1"), True)
+    assert silence() == 3.0
+    told.say()
+    assert silence() == 3.0
+    told.registry._on_presence(KEYS.live("actor", "a1"), False)
+    assert silence() == 3.0
+    assert silence() == 6.0
+
+
+@pytest.mark.parametrize(("heard", "leaving"), [(True, True), (True, False), (False, False)])
+def test_one_that_left_is_shown_for_a_while_and_one_that_was_lost_for_longer(
+    told: Told, heard: bool, leaving: bool
+) -> None:
+    """One that was never heard may have said good-bye as well: it is not shown as lost."""
+    told.registry._on_presence(KEYS.live("actor", "a1"), True)
+    if heard:
+        told.say(leaving=leaving)
+    told.registry._on_presence(KEYS.live("actor", "a1"), False)
+    told.now += module.LEFT_SHOWN
+    told.registry.take_notes()
+    assert [actor.left for actor in told.registry.actors()] == [False]
+    told.now += 0.5
+    assert [actor.left for actor in told.registry.actors()] == [leaving or not heard]
+
+
+def test_one_that_was_lost_stays_on_the_display_and_does_nothing_there(told: Told) -> None:
+    told.registry._on_presence(KEYS.live("actor", "a1"), True)
+    told.say(busy_cores=0.75)
+    (stats,) = (actor.stats for actor in told.registry.actors())
+    assert (stats.steps_per_second, stats.held_share, stats.busy_cores) == (100.0, 0.25, 0.75)
+    told.registry._on_presence(KEYS.live("actor", "a1"), False)
+    told.now += 1_000.0
+    assert told.registry.take_notes() == ["a1 joined", "a1 was lost"]
+    told.registry.totals()
+    (actor,) = told.registry.actors()
+    assert (actor.alive, actor.left) == (False, False)
+    stats = actor.stats
+    assert (stats.steps_per_second, stats.held_share, stats.busy_cores) == (0.0, 0.0, 0.0)
+    assert (stats.steps, stats.made) == (640, 10)
+
+
+def test_a_loss_is_noted_even_of_one_that_was_never_heard(told: Told) -> None:
+    for present in (True, False):
+        told.registry._on_presence(KEYS.live("actor", "a1"), present)
+    told.registry.totals()  # drops names of which nothing is to be said any more
+    told.now += 2.0
+    assert told.registry.take_notes() == ["a1 joined", "a1 was lost"]
+
+
+def test_the_last_words_of_a_process_that_was_replaced_may_take_a_minute(told: Told) -> None:
+    told.say(incarnation=7, made=10)
+    told.say(incarnation=8, made=5)
+    told.now += 60.0
+    assert chunks(told.registry)[0] == 15
+    told.say(incarnation=7, made=12, leaving=True)
+    assert chunks(told.registry)[0] == 17
+    told.say(incarnation=8, made=5)
+    told.now += 60.5
+    assert chunks(told.registry)[0] == 17
+    told.say(incarnation=7, made=99)
+    assert chunks(told.registry)[0] == 17
+
+
+def test_one_whose_chunks_still_come_has_not_gone(
+    told: Told, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "_MAX_GONE", 0)
+    told.say(made=10)
+    told.now += 50.0
+    credit(told.registry, 1)
+    told.now += 50.0
+    assert chunks(told.registry)[0] == 10
+    told.say(made=12)
+    assert chunks(told.registry)[0] == 12
+
+
+def test_a_replaced_process_is_folded_although_its_name_is_present(told: Told) -> None:
+    told.registry._on_presence(KEYS.live("actor", "a1"), True)
+    told.say(incarnation=7)
+    told.say(incarnation=8)
+    told.now += 100.0
+    state = told.registry.state()
+    assert [each["incarnation"] for each in state["processes"]] == [8]
+    assert [incarnation for incarnation, *_ in state["folded"]] == [7]
+
+
+def test_the_oldest_are_folded_first(told: Told, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "_MAX_GONE", 1)
+    for name, incarnation in (("b", 3), ("c", 1), ("a", 2)):
+        told.say(1.0, name=name, incarnation=incarnation)
+    told.now += 100.0
+    assert [each["name"] for each in told.registry.state()["processes"]] == ["a"]
+
+
+def test_chunks_that_were_stored_twice_stay_so_after_their_process_was_folded(
+    told: Told, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "_MAX_GONE", 0)
+    told.say(made=10, leaving=True)
+    credit(told.registry, 12)
+    told.now += 100.0
+    assert chunks(told.registry) == (10, 2, 2)
+    credit(told.registry, 1)
+    assert chunks(told.registry) == (10, 2, 3)
+
+
+def test_chunks_that_came_just_before_a_heartbeat_may_be_newer_than_it(told: Told) -> None:
+    told.say(made=10)
+    told.now += 6.0
+    credit(told.registry, 12)
+    told.say(made=10)  # sent before the last two were made
+    assert chunks(told.registry)[2] == 0
+
+
+def test_a_chunk_without_a_process_is_nobodys(told: Told) -> None:
+    """As of journals that were written before chunks had an incarnation."""
+    credit(told.registry, 1, incarnation=0)
+    assert chunks(told.registry) == (0, 0, 0)
+    assert told.registry.state()["processes"] == []
