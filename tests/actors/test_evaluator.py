@@ -3,6 +3,7 @@
 import threading
 from collections.abc import Iterator
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -148,6 +149,18 @@ def test_a_sign_waits_for_the_one_before(stage: Stage, monkeypatch: pytest.Monke
     assert EvaluationReport.decode(sign.payload).steps == 0
     assert EvaluationReport.decode(report.payload).done
     report.reply(b"")
+    stage.give(FINISHED)
+
+
+def test_a_report_is_a_sign_too(stage: Stage, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A step takes a second, a game 10, and a sign is due after 15 without a report."""
+    env = NumberedEnv(TEN_STEPS_A_GAME)
+    clock = SimpleNamespace(monotonic=lambda: float(len(env.moments)))
+    monkeypatch.setattr(evaluator_module, "time", clock)
+    monkeypatch.setattr(evaluator_module, "_SIGN_SECONDS", 15.0)
+    stage.start(env)
+    stage.give(job(steps=40))
+    assert [report.steps for report in stage.test()] == [10] * 4
     stage.give(FINISHED)
 
 

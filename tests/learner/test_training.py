@@ -765,11 +765,11 @@ def test_the_last_test_may_take_longer_than_a_run_may_stand_still() -> None:
     assert world.rows[-1].phase == "test"
 
 
-@pytest.mark.parametrize(("more", "epochs"), [(0, 1), (16, 1), (20, 2)])
-def test_less_than_a_tenth_of_an_epoch_at_the_end_is_none(more: int, epochs: int) -> None:
+@pytest.mark.parametrize(("steps", "epochs"), [(116, 0), (120, 1), (300, 1), (316, 1), (320, 2)])
+def test_less_than_a_tenth_of_an_epoch_at_the_end_is_none(steps: int, epochs: int) -> None:
     world = World(update_seconds=1.0, scores=[4.0])
-    run(world, steps_goal=300 + more)
-    assert world.agent_steps == 300 + more
+    run(world, steps_goal=steps)
+    assert world.agent_steps == steps
     assert [row.phase for row in world.rows] == ["random", *["train", "test"] * epochs]
 
 
