@@ -154,7 +154,8 @@ class Room(ABC):
 
     def _limit_contacts(self, body: int) -> None:
         """Allows contacts only between solid parts of the robot's ``body`` and other solid bodies,
-        and among the robot's own solid parts.
+        and among the robot's own solid parts if its URDF was loaded with
+        ``URDF_USE_SELF_COLLISION``, as NAO's and the robotroller's are not.
 
         Otherwise the engine checks every pair within the contact threshold, decoration included.
         """
