@@ -90,8 +90,8 @@ def test_poses_are_found_once_for_all_robots(room: Nao) -> None:
     other.close()
 
 
-def test_a_finger_that_is_caught_frees_itself(room: Nao) -> None:
-    """The fingertip is put between two keys' sides, below their tops."""
+def test_a_finger_that_is_put_between_two_keys_goes_on(room: Nao) -> None:
+    """It is below their tops, at their sides. `test_arms_harm` has one that is caught."""
     room.rest()
     arm = room.arms.left
     chain = ArmChain("L")
