@@ -2,19 +2,21 @@
 
 Each trial is a run of `python -m learner --local` with settings that the study draws. After each
 epoch the study gets the mean score of the trial's training games. It ends a trial whose score is
-below the median of the others at that epoch. The same command continues a study. Each terminal that
-runs it is one worker, on one machine or on several that share a ``--storage``. A trial whose
-worker died is started again.
+below the median of the others at that epoch. The same command continues a study, and other flags
+are refused. Each terminal that runs it is one worker, on one machine or on several that share a
+``--storage``. A trial whose worker died is started again.
 """
 
 import time
-from collections.abc import Mapping
+import warnings
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from math import isfinite
 from shlex import join, split
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
+import numpy as np
 import tyro
 from annotated_types import MinLen
 
@@ -23,11 +25,13 @@ from benchmarks.lab.policy import TrainingOptions, scores_of
 from benchmarks.report import Report, main
 from common.checked import Count, FromOne
 from common.errors import InputError
+from common.process.command_line import parse_run
 from common.process.extras import extra_for
 from common.process.supervisor import Child
 from common.protocol.run_keys import check_name
 from common.run.epochs import EpochTable
 from common.run.folder import RunFolder
+from learner.options import LearnerOptions
 
 if TYPE_CHECKING:
     from optuna import Study, Trial
@@ -75,13 +79,21 @@ class Axis(NamedTuple):
         whole = all(part.strip().isdigit() for part in parts[:2])
         return cls(flag.lstrip("-"), low=low, high=high, log=bool(parts[2:]), whole=whole)
 
+    @property
+    def ends(self) -> Sequence[str]:
+        """All choices, or both ends of what is between, as for the command line."""
+        return self.choices or [self._told(self.low), self._told(self.high)]
+
     def draw(self, trial: "Trial") -> str:
         """Returns the value of ``trial``, as for the command line."""
         if self.choices:
             return str(trial.suggest_categorical(self.flag, self.choices))
         if self.whole:
             return f"{trial.suggest_int(self.flag, int(self.low), int(self.high), log=self.log)}"
-        return f"{trial.suggest_float(self.flag, self.low, self.high, log=self.log):.6g}"
+        return self._told(trial.suggest_float(self.flag, self.low, self.high, log=self.log))
+
+    def _told(self, value: float) -> str:
+        return f"{int(value)}" if self.whole else f"{value:.6g}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -108,8 +120,12 @@ class Options(TrainingOptions):
 
 def measure(options: Options) -> Report:
     axes = [Axis.parse(text) for text in options.vary]
+    for axis in axes:
+        for end in axis.ends:
+            _check_training(options, [f"--{axis.flag}", end])
     with extra_for("python -m benchmarks.lab.sweep", "sweep"):
         import optuna
+    warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)  # of the heartbeats
     options.runs.mkdir(parents=True, exist_ok=True)
     study = optuna.create_study(
         study_name=options.study,
@@ -119,19 +135,60 @@ def measure(options: Options) -> Report:
             heartbeat_stale_trial_callback=optuna.storages.RetryHeartbeatStaleTrialCallback(),
         ),
         direction="maximize",
-        sampler=optuna.samplers.TPESampler(seed=options.seed),
         pruner=optuna.pruners.MedianPruner(n_startup_trials=4),
         load_if_exists=True,
     )
+    _check_study(options, study)
     if options.trials:
         study.optimize(lambda trial: _play(options, axes, trial), n_trials=options.trials)
     return _report(options, study)
+
+
+def _check_training(options: Options, drawn: Sequence[str]) -> None:
+    """Refuses settings that no trial could train with.
+
+    Raises:
+        InputError: a flag is unknown or out of its bounds, or a trial would end before its first
+            epoch.
+    """
+    flags = ["--steps", f"{options.steps}", *split(options.learner), *drawn]
+    learner, _ = parse_run(LearnerOptions, "learner", ["--local", *flags], lambda _: None)
+    learner.check()
+    config = learner.config
+    first = config.replay.learning_starts + config.protocol.epoch_steps
+    if options.steps < first:
+        raise InputError(
+            f"--steps is {options.steps}, but the first epoch ends after {first}: choose more, or "
+            "lower --protocol.epoch-steps in --learner."
+        )
+
+
+def _check_study(options: Options, study: "Study") -> None:
+    """Notes the flags of a new study in the study itself, and refuses others for an old one.
+
+    Raises:
+        InputError: it names a flag that was another when the study was begun.
+    """
+    flags = {name: getattr(options, name) for name in ("vary", "learner", "steps", "seed")}
+    for name, value in flags.items():
+        told = " ".join(value) if isinstance(value, tuple) else f"{value}"
+        begun = study.user_attrs.get(name)
+        if begun is None:  # also in studies of former versions
+            study.set_user_attr(name, told)
+        elif begun != told:
+            raise InputError(
+                f"the study {options.study} was begun with --{name} {begun!r}, and this is "
+                f"{told!r}: give the same, or name another study."
+            )
 
 
 def _play(options: Options, axes: list[Axis], trial: "Trial") -> float:
     """Trains once; returns the mean score of the last epoch's training games."""
     import optuna
 
+    # By a seed of its own: else each worker and each start would draw the same settings again.
+    seed = int(np.random.SeedSequence([options.seed, trial.number]).generate_state(1)[0])
+    trial.study.sampler = optuna.samplers.TPESampler(seed=seed)
     folder = RunFolder(options.runs, f"{options.study}-{trial.number}")
     drawn = [part for axis in axes for part in (f"--{axis.flag}", axis.draw(trial))]
     flags = [*split(options.learner), "--seed", f"{options.seed}", *drawn]
