@@ -50,11 +50,11 @@ class GamesOptions:
     """Configuration of the run to play under, as JSON."""
     ending: int
     """Number of last agent steps of a game that are hashed by themselves."""
+    epsilon: float
+    """Share of random agent steps."""
     games: int = 1
     steps: int = 0
     """Minimum number of steps over all games, as in the tests of 2017."""
-    epsilon: float = 0.001
-    """Share of random agent steps."""
     seed: int = 1
     clock: tyro.conf.OmitArgPrefixes[ClockConfig] = field(default_factory=ClockConfig)
 

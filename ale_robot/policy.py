@@ -17,7 +17,7 @@ from common.errors import InputError
 from common.run.clock import ClockConfig
 from common.run.origin import find_weights, origin_of
 from learner.evaluation import offline
-from learner.evaluation.options import EvaluationOptions
+from learner.evaluation.options import EPSILON, EvaluationOptions
 from viewer.player import Played
 
 
@@ -65,7 +65,7 @@ def evaluate(
     weights: str | Path,
     *,
     games: int = EvaluationOptions.games,
-    epsilon: float = EvaluationOptions.epsilon,
+    epsilon: float = EPSILON,
     seed: int = 1,
     processes: int = EvaluationOptions.processes,
 ) -> dict[str, Any]:

@@ -43,6 +43,10 @@ shift
 umask 077
 mkdir -p "$folder"
 cd "$folder"
+if [ -f ca.pem ] && ! [ -f ca-key.pem ]; then  # as on the machine of an actor
+    echo "error: $folder has ca.pem without ca-key.pem: make certificates in the folder that has both." >&2
+    exit 2
+fi
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
 

@@ -13,6 +13,7 @@ import shlex
 import shutil
 import sys
 import tempfile
+import threading
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,6 +23,8 @@ import tyro
 
 from common.errors import InputError, writing
 from common.process.command_line import parse
+from common.process.exit_codes import INTERRUPTED
+from common.process.lifeline import on_signals
 from common.process.program_end import exit_on_input_error
 from common.process.progress import Progress
 from common.run.folder import JOURNAL, RunFolder
@@ -39,11 +42,12 @@ class BackupOptions:
     """Folder of the copy, which must not exist yet; its name becomes the copy's run name."""
 
 
-def back_up(options: BackupOptions) -> Path:
+def back_up(options: BackupOptions, stop: threading.Event) -> Path:
     """Copies the run; returns the folder of the copy, which is complete and on the disk.
 
     Raises:
-        InputError: there is no run, or the copy's folder exists already or is inside of the run.
+        InputError: there is no run, the copy's folder exists already or is inside of the run, or
+            ``stop`` was set; there is no copy then.
         OSError: a file cannot be read or written, as on a full disk; there is no copy then.
     """
     source = RunFolder.at(options.run.resolve())
@@ -59,7 +63,7 @@ def back_up(options: BackupOptions) -> Path:
         # Only its owner can read this folder: a run on Slurm has its keys in it.
         unfinished = Path(tempfile.mkdtemp(prefix=f"{target.name}.", dir=target.path.parent))
     try:
-        _copy(source, unfinished)
+        _copy(source, unfinished, stop)
         os.sync()
         unfinished.rename(target.path)
         os.sync()
@@ -79,7 +83,7 @@ def _files(source: RunFolder) -> Iterator[Path]:
             yield path
 
 
-def _copy(source: RunFolder, place: Path) -> None:
+def _copy(source: RunFolder, place: Path, stop: threading.Event) -> None:
     copied = 0
     with Progress("copying", None) as progress:
         for path in _files(source):
@@ -92,13 +96,18 @@ def _copy(source: RunFolder, place: Path) -> None:
             with file, fresh.open("xb") as copy:
                 os.fchmod(copy.fileno(), os.fstat(file.fileno()).st_mode & 0o777)
                 while block := file.read(_BLOCK):
+                    if stop.is_set():
+                        told = "the copy was stopped, and nothing of it is left: copy again."
+                        raise InputError(told, INTERRUPTED)
                     copied += copy.write(block)
                     progress.update(copied, note=f"{copied / 1e9:.1f} GB")
 
 
 def main() -> None:
     options = parse(BackupOptions, "learner.backup", sys.argv[1:])
-    copy = back_up(options)
+    stop = threading.Event()
+    on_signals(stop)
+    copy = back_up(options, stop)
     where = shlex.join(["--runs", str(copy.parent), "--run", copy.name])
     # A replay in a process of its own may have its own folder, without a checkpoint.
     folder = RunFolder(copy.parent, copy.name)

@@ -21,6 +21,7 @@ from actors.loop import Step, play
 from actors.robots.latency import CHANGES, GOAL, Change, Latency, changes
 from actors.vision.layout import border_of
 from common.metrics import KEYS_AS_COMMANDED, PIXEL_DEVIATION, VALID_FRAMES, Bound
+from common.process.exit_codes import INTERRUPTED
 from common.process.progress import Progress
 from common.registry import ROBOTS
 from viewer.panels import Panels
@@ -56,8 +57,8 @@ class Check(Played):
         check_picture(self.output)
 
     def run(self, stop: threading.Event) -> int:
-        """Runs the check; returns the exit status. Raises InputError if the NAO of --nao-urdf
-        cannot be shown."""
+        """Runs the check; returns the exit status, `INTERRUPTED` without a verdict if ``stop`` was
+        set. Raises InputError if the NAO of --nao-urdf cannot be shown."""
         config = self.config()
         console = Console(highlight=False)
         with (
@@ -72,6 +73,9 @@ class Check(Played):
                     progress.update(len(figures), note=f"{len(figures)} steps")
                     if len(figures) == AGENT_STEPS or stop.is_set():
                         break
+            if stop.is_set():
+                console.print(f"stopped after {len(figures)} of {AGENT_STEPS} agent steps")
+                return INTERRUPTED
             write_picture(self.output, panels.draw(step, None))
             # An emulator alone has only the first figure.
             judged = list(zip(_BOUNDS, np.mean(figures, axis=0).tolist(), strict=False))
@@ -82,6 +86,9 @@ class Check(Played):
             if isinstance(env, RobotEnv) and (found := _changes(env, config.seed, stop)):
                 console.print(_latency_table(found))
             console.print(f"wrote {self.output}", markup=False, soft_wrap=True)
+        if stop.is_set():
+            console.print("stopped before the hands were timed")
+            return INTERRUPTED
         return 0 if all(bound.admits(found) for bound, found in judged) else 1
 
 

@@ -14,13 +14,14 @@ from typing import Annotated, Any
 import tyro
 from annotated_types import MinLen
 
-from benchmarks.lab.policy import EPSILON, evaluate, settings_of
+from benchmarks.lab.policy import evaluate, settings_of
 from benchmarks.report import BenchmarkOptions, Report, main, scored
 from common.atomic_file import check_new_file
 from common.checked import Fraction, FromOne
 from common.press_latency import ms_of
 from common.run.conditions import Latency
 from common.run.origin import run_of
+from learner.evaluation.options import EPSILON
 
 COLUMNS = (
     "network", "press", "late_ms", "games", "epsilon", "seed", "mean", "deviation",

@@ -21,14 +21,14 @@ from pathlib import Path
 from typing import Any, Literal
 
 from benchmarks.lab.games import ANCHORS
-from benchmarks.lab.policy import EPSILON, TrainingOptions, evaluate, first_at, scores_of, train
+from benchmarks.lab.policy import TrainingOptions, evaluate, first_at, scores_of, train
 from benchmarks.report import Report, counted, main, scored
 from common.atomic_file import check_new_file, write_atomically, write_json
 from common.checked import Fraction, FromOne
 from common.process.command_line import PRESENT_FLAGS
 from common.run.epochs import EpochRow, EpochTable
 from common.run.folder import RunFolder
-from learner.evaluation.options import EvaluationOptions
+from learner.evaluation.options import EPSILON, EvaluationOptions
 
 Rung = Literal["R1", "R2", "R3", "R4", "R5"]
 

@@ -21,10 +21,8 @@ from common.run.config import RunConfig
 from common.run.epochs import EpochPhase, EpochRow
 from common.run.folder import RunFolder
 from common.run.origin import origin_of
-from learner.evaluation.options import EvaluationOptions
+from learner.evaluation.options import EPSILON, EvaluationOptions
 
-EPSILON = EvaluationOptions.epsilon
-"""Default share of random actions in evaluations."""
 _MAX_OVER = 2_000
 """Agent steps that actors may play beyond a run's end before its learner has ended, besides a tenth
 of the run."""
@@ -111,7 +109,7 @@ def first_at(scores: Sequence[tuple[EpochRow, float]], least: float) -> EpochRow
 def evaluate(
     network: Path,
     games: int,
-    epsilon: float = EPSILON,
+    epsilon: float | None = None,
     flags: Sequence[str] = (),
     *,
     quiet: bool = False,
@@ -119,6 +117,7 @@ def evaluate(
     """Returns the JSON of an evaluation; its table goes to the terminal unless ``quiet``.
 
     Args:
+        epsilon: share of random actions; None for that of the program, or of ``--headline``.
         flags: settings that differ from those of the network's training.
 
     Raises:
@@ -126,7 +125,9 @@ def evaluate(
     """
     with scratch() as folder:
         found = folder / "evaluation.json"
-        asked = ["--games", f"{games}", "--epsilon", f"{epsilon}", "--json", str(found)]
+        asked = ["--games", f"{games}", "--json", str(found)]
+        if epsilon is not None:
+            asked += ["--epsilon", f"{epsilon}"]
         run_module("learner", "--evaluate", str(network), *asked, *flags, quiet=quiet)
         content: dict[str, Any] = json.loads(found.read_bytes())
         return content
@@ -136,7 +137,7 @@ def headline(network: Path) -> list[dict[str, Any]]:
     """Returns the three evaluations of --headline, with as many games as usual; raises InputError
     as `evaluate` does."""
     flags, games = ["--headline"], EvaluationOptions.games
-    found: list[dict[str, Any]] = evaluate(network, games, EPSILON, flags, quiet=True)["rows"]
+    found: list[dict[str, Any]] = evaluate(network, games, None, flags, quiet=True)["rows"]
     return found
 
 

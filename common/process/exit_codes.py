@@ -28,7 +28,7 @@ EXIT_CODES = (
     ExitCode(RED, "the run ended itself: a health check stayed red, or progress stopped", False),
     ExitCode(UNREACHABLE, "nobody answers at the address, or the run there has ended", True),
     ExitCode(NO_ROOM, "the disk is full or read-only: works once that has changed", True),
-    ExitCode(INTERRUPTED, "interrupted before it began, or by a second Ctrl-C", False),
+    ExitCode(INTERRUPTED, "interrupted before it had a result, or by a second Ctrl-C", False),
 )
 """All exit codes. A process killed by signal N has 128 + N in a shell, and may be resumed."""
 

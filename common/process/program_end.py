@@ -1,8 +1,6 @@
 """How a program ends: what went wrong becomes one line on stderr and an exit code."""
 
-import atexit
 import errno
-import gc
 import signal
 import sys
 from collections.abc import Callable
@@ -29,9 +27,6 @@ def exit_on_input_error(main: Callable[[], int | None]) -> None:
     escape(sys.stdout)
     widen()
     log_visibly()
-    # All memory goes with the process: to look through PyTorch's objects for cycles, as Python does
-    # at its end, takes a second in which nothing else happens.
-    atexit.register(gc.freeze)
     try:
         try:
             status = main()

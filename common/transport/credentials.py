@@ -132,8 +132,9 @@ class Credentials:
                 flag = "--runs" if role == "replay" else "--actors" if by_name else None
                 how = "" if flag is None else f" {folder} {flag} {name}"
                 raise InputError(
-                    f"there is no {path}: make certificates with deploy/certificates.sh{how}, and "
-                    f"give this machine ca.pem, {whose}.pem and {whose}-key.pem."
+                    f"there is no {path}: make certificates, where ca-key.pem is, with "
+                    f"deploy/certificates.sh{how}, and give this machine ca.pem, {whose}.pem and "
+                    f"{whose}-key.pem."
                 )
         try:
             context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)

@@ -96,9 +96,8 @@ def _rows(
     with Progress("evaluating", total, begins) as progress:
         for number, measure in enumerate(measures, 1):
             settings = replace(config, play=replace(config.play, sticky=measure.sticky))
-            asked = replace(options, epsilon=measure.epsilon)
             found: list[dict[str, Any]] = []
-            for game in play(asked, settings, clock.flags(), stop):
+            for game in play(options, measure.epsilon, settings, clock.flags(), stop):
                 found.append(game)
                 played += 1
                 if not console.is_terminal:  # a log lists the games one by one
@@ -130,11 +129,16 @@ def _unusual(settings: RunConfig) -> list[str]:
 
 
 def play(
-    options: EvaluationOptions, config: RunConfig, flags: Sequence[str], stop: threading.Event
+    options: EvaluationOptions,
+    epsilon: float,
+    config: RunConfig,
+    flags: Sequence[str],
+    stop: threading.Event,
 ) -> Iterator[dict[str, Any]]:
     """Plays games in several processes, and yields them as they end.
 
     Args:
+        epsilon: share of random actions.
         flags: additional flags of each playing process, such as ``["--no-sync"]``.
 
     Raises:
@@ -144,7 +148,7 @@ def play(
     arguments = {
         "--weights": options.evaluate,
         "--settings": to_json(config),
-        "--epsilon": options.epsilon,
+        "--epsilon": epsilon,
         "--steps": -(-options.test_steps // count),
         "--ending": ENDING,
     }

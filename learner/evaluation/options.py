@@ -26,10 +26,15 @@ class Measure:
     """``play.sticky``, the probability that the console repeats an action."""
 
 
+EPSILON = 0.001
+"""Share of random actions in an evaluation for which none is given."""
+
 HEADLINE = (
-    Measure(0.001, 0.0),  # the policy itself: nearly one game, repeated on a deterministic console
+    Measure(
+        EPSILON, 0.0
+    ),  # the policy itself: nearly one game, repeated on a deterministic console
     Measure(0.05, 0.0),  # 2017, after Mnih et al. 2015
-    Measure(0.001, 0.25),  # Machado et al. 2018, and ALE's v5 environments
+    Measure(EPSILON, 0.25),  # Machado et al. 2018, and ALE's v5 environments
 )
 """The measurements that describe a policy together; none of them alone says what it can do."""
 
@@ -56,8 +61,8 @@ class EvaluationOptions:
     """Number of games, over all processes; with --headline, of each of its three evaluations."""
     test_steps: Count = 0
     """Minimum number of agent steps, over all processes; the tests of 2017 played 125,000."""
-    epsilon: Fraction = 0.001
-    """Share of random actions, 0 to 1; the tests of 2017 had 0.05."""
+    epsilon: Fraction | None = None
+    """Share of random actions, 0 to 1, by default 0.001; the tests of 2017 had 0.05."""
     processes: Count = 0
     """Number of games played at the same time; 0 for as many as there are cores."""
     json: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
@@ -72,7 +77,7 @@ class EvaluationOptions:
         check_bounds(self)
         if self.evaluate is None:
             self._refuse_all()
-        if self.headline and self.epsilon != EvaluationOptions.epsilon:
+        if self.headline and self.epsilon is not None:
             raise InputError("--headline has its own shares of random actions: omit --epsilon.")
         if self.json is not None:
             check_new_file(self.json)  # before the games, not after them
@@ -100,7 +105,8 @@ class EvaluationOptions:
             InputError: ``config`` has sticky actions of its own, which a headline overrides.
         """
         if not self.headline:
-            return (Measure(self.epsilon, config.play.sticky),)
+            epsilon = EPSILON if self.epsilon is None else self.epsilon
+            return (Measure(epsilon, config.play.sticky),)
         if config.play.sticky != (trained or RunConfig()).play.sticky:
             raise InputError("--headline has its own sticky actions: omit --play.sticky.")
         # Without a console, the same games would be played again and called sticky.

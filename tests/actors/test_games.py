@@ -57,7 +57,7 @@ def test_who_is_asked_to_end_before_the_last_game_says_that_games_are_missing() 
     trained = origin_of(policy)
     assert trained is not None
     config = replace(trained, play=replace(trained.play, max_game_frames=40, random_starts=0))
-    options = GamesOptions(policy, "", ending=8, games=2)
+    options = GamesOptions(policy, "", ending=8, epsilon=0.001, games=2)
     assert len([*games(config, options, stop)]) == 2
     playing = games(config, options, stop)
     next(playing)

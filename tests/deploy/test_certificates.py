@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from common.errors import InputError
-from deploy.certificates import certify_actors, ensure_certificates
+from deploy.certificates import certify_actors, ensure_certificates, make_certificates
 
 
 def test_certificates_that_end_soon_are_made_anew_and_who_was_shut_out_stays_out(
@@ -27,6 +27,19 @@ def test_certificates_that_end_soon_are_made_anew_and_who_was_shut_out_stays_out
         assert changed == (now.keys() - same if renewed else set())
         assert (tmp_path / "actors.txt").read_text() == "a\n"
         before = now
+
+
+@pytest.mark.parametrize("asked", [("localhost",), ("--actors", "robot-2"), ("--runs", "other")])
+def test_a_machine_without_the_authoritys_key_makes_no_authority(
+    tmp_path: Path, asked: tuple[str, ...]
+) -> None:
+    """As that of an actor, whose ca.pem another would take from it."""
+    make_certificates(tmp_path, "localhost")
+    (tmp_path / "ca-key.pem").unlink()
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    with pytest.raises(InputError, match=r"has ca\.pem without ca-key\.pem: make certificates in"):
+        make_certificates(tmp_path, *asked)
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 
 def test_certificates_that_cannot_be_made_are_told(

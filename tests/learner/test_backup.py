@@ -3,12 +3,14 @@
 import errno
 import os
 import tempfile
+import threading
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from common.errors import InputError
+from common.process.exit_codes import INTERRUPTED
 from common.run.folder import RunFolder
 from learner import backup
 from learner.backup import BackupOptions, back_up
@@ -43,7 +45,7 @@ def content(folder: Path) -> dict[str, str]:
 
 
 def test_all_files_are_copied_but_for_what_is_half_written(run: RunFolder, tmp_path: Path) -> None:
-    copy = back_up(BackupOptions(run.path, tmp_path / "copy"))
+    copy = back_up(BackupOptions(run.path, tmp_path / "copy"), threading.Event())
     assert copy == tmp_path / "copy"
     assert content(copy) == {
         "config.json": "{}",
@@ -91,7 +93,7 @@ def test_the_copy_is_for_its_owner_alone(run: RunFolder, tmp_path: Path) -> None
     key = run.path / "certificates" / "ca-key.pem"
     key.parent.mkdir()
     key.touch(mode=0o600)
-    copy = back_up(BackupOptions(run.path, tmp_path / "copy"))
+    copy = back_up(BackupOptions(run.path, tmp_path / "copy"), threading.Event())
     assert (copy / "certificates" / "ca-key.pem").stat().st_mode & 0o777 == 0o600
     assert copy.stat().st_mode & 0o777 == 0o700
 
@@ -104,13 +106,31 @@ def test_a_place_where_nothing_can_be_made_is_refused(
 
     monkeypatch.setattr(tempfile, "mkdtemp", refuses)
     with pytest.raises(InputError, match=r"copy cannot be written \(Read-only.*: name another"):
-        back_up(BackupOptions(run.path, tmp_path / "copy"))
+        back_up(BackupOptions(run.path, tmp_path / "copy"), threading.Event())
+
+
+def test_a_copy_that_is_stopped_leaves_nothing(
+    run: RunFolder, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stop = threading.Event()
+    original = Path.open
+
+    def opens(path: Path, *args: Any) -> Any:
+        if path == run.epochs:  # the checkpoint has been copied by then
+            stop.set()
+        return original(path, *args)
+
+    monkeypatch.setattr(Path, "open", opens)
+    with pytest.raises(InputError, match="nothing of it is left: copy again") as stopped:
+        back_up(BackupOptions(run.path, tmp_path / "copy"), stop)
+    assert stopped.value.exit_code == INTERRUPTED
+    assert [path.name for path in tmp_path.iterdir()] == ["runs"]
 
 
 def test_a_replay_on_another_disk_is_copied(run: RunFolder, tmp_path: Path) -> None:
     elsewhere = run.replay.rename(tmp_path / "disk")
     run.replay.symlink_to(elsewhere)
-    copy = back_up(BackupOptions(run.path, tmp_path / "copy"))
+    copy = back_up(BackupOptions(run.path, tmp_path / "copy"), threading.Event())
     assert (copy / "replay" / "actions.bin").read_text() == "rows"
     assert not (copy / "replay").is_symlink()
 
@@ -132,7 +152,7 @@ def test_what_the_copy_rests_on_comes_first(
         return original(path, mode, **how)
 
     monkeypatch.setattr(Path, "open", work_on)
-    copy = back_up(BackupOptions(run.path, tmp_path / "copy"))
+    copy = back_up(BackupOptions(run.path, tmp_path / "copy"), threading.Event())
     monkeypatch.undo()
     assert opened[:3] == [
         "checkpoint.safetensors", "checkpoint.previous.safetensors", "journal.jsonl",
@@ -156,7 +176,7 @@ def test_what_cannot_be_copied_is_told(
 ) -> None:
     before = content(tmp_path)
     with pytest.raises(InputError, match=words):
-        back_up(BackupOptions(tmp_path / source, tmp_path / target))
+        back_up(BackupOptions(tmp_path / source, tmp_path / target), threading.Event())
     assert content(tmp_path) == before
 
 
@@ -168,5 +188,5 @@ def test_a_copy_that_fails_leaves_nothing(
 
     monkeypatch.setattr("learner.backup.os.sync", full)
     with pytest.raises(OSError, match="No space left"):
-        back_up(BackupOptions(run.path, tmp_path / "copy"))
+        back_up(BackupOptions(run.path, tmp_path / "copy"), threading.Event())
     assert [path.name for path in tmp_path.iterdir()] == ["runs"]

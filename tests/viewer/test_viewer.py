@@ -3,6 +3,7 @@
 import re
 import sys
 import threading
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,7 @@ from actors.vision.screen_detector import ScreenDetector
 from common.errors import InputError
 from common.network import build_network
 from common.process.command_line import parse
+from common.process.exit_codes import INTERRUPTED
 from common.process.log_lines import LOADING
 from common.protocol.weights import encode_weights
 from common.registry import ENVIRONMENTS, ROBOTS, Environment, RobotKind
@@ -323,15 +325,33 @@ def test_without_a_terminal_commands_say_how_far_they_are(
 
 
 @pytest.mark.usefixtures("short")
-def test_a_check_that_is_stopped_does_not_judge_the_hands(
+def test_a_check_that_is_stopped_judges_nothing(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     stop = threading.Event()
     stop.set()
-    Check(output=tmp_path / "check.png").run(stop)
+    assert Check(output=tmp_path / "check.png").run(stop) == INTERRUPTED
     said = capsys.readouterr().out
-    assert "1 random agent steps" in said
-    assert "never press" not in said
+    assert said == f"stopped after 1 of {viewer.check.AGENT_STEPS} agent steps\n"
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.usefixtures("short")
+def test_a_check_that_is_stopped_later_does_not_judge_the_hands(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    stop = threading.Event()
+
+    def changes(*_: Any) -> Iterator[Change]:
+        for change in CHANGES:
+            stop.set()
+            yield change
+
+    monkeypatch.setattr(viewer.check, "changes", changes)
+    assert Check(output=tmp_path / "check.png").run(stop) == INTERRUPTED
+    said = capsys.readouterr().out
+    assert said.count("│ green │") == 4
+    assert said.endswith("stopped before the hands were timed\n")
     assert "command →" not in said
 
 

@@ -52,7 +52,7 @@ class Lab:
 
     def __init__(self) -> None:
         self.trained: list[str] = []
-        self.played: list[tuple[str, int, float]] = []
+        self.played: list[tuple[str, int, float | None]] = []
         self.left = 10**6
         self.steps = 2_100
 
@@ -82,15 +82,22 @@ class Lab:
         return summary_of_all(folder, steps)
 
     def evaluate(
-        self, network: Path, games: int, epsilon: float, flags: Sequence[str] = (), *, quiet: bool
+        self,
+        network: Path,
+        games: int,
+        epsilon: float | None,
+        flags: Sequence[str] = (),
+        *,
+        quiet: bool,
     ) -> dict[str, Any]:
         if not self.left:
             raise KeyboardInterrupt
         self.left -= 1
         self.played.append((network.name, games, epsilon))
-        row = {"epsilon": epsilon, "sticky": 0.0, "deviation": 1.0, "scores": []}
+        row: dict[str, Any] = {"epsilon": epsilon, "sticky": 0.0, "deviation": 1.0, "scores": []}
         if flags:
-            assert list(flags) == ["--headline"]
+            assert (epsilon, list(flags)) == (None, ["--headline"])
+            row["epsilon"] = 0.001
             return {"rows": [{**row, "mean": 20.0}, {**row, "sticky": 0.25, "mean": 5.0}]}
         return {**row, "mean": TESTS[int(network.stem[-4:])]}
 
@@ -135,7 +142,7 @@ def test_a_race_tells_when_each_score_was_first_reached(
     assert [name and name[2] for name in names] == ["3", "4"]
     assert len({name and name[1] for name in names}) == 1
     assert lab.played[:3] == [(f"epoch-000{epoch}.safetensors", 5, 0.05) for epoch in (1, 2, 3)]
-    assert lab.played[-1] == ("checkpoint.safetensors", 30, 0.001)
+    assert lab.played[-1] == ("checkpoint.safetensors", 30, None)
     assert (content["title"], content["games"]) == ("Four envs (ale)", 5)
     first, second = content["runs"]
     assert (first["seed"], second["seed"]) == (3, 4)
@@ -236,17 +243,21 @@ def test_a_whole_race_in_one_process(monkeypatch: pytest.MonkeyPatch, tmp_path: 
         return summary
 
     def play(
-        given: EvaluationOptions, config: RunConfig, flags: Sequence[str], stop: threading.Event
+        given: EvaluationOptions,
+        epsilon: float,
+        config: RunConfig,
+        flags: Sequence[str],
+        stop: threading.Event,
     ) -> Iterator[dict[str, Any]]:
         assert given.evaluate is not None
         yield from games(
             config,
-            GamesOptions(given.evaluate, "", 800, given.games, epsilon=given.epsilon),
+            GamesOptions(given.evaluate, "", 800, epsilon, given.games),
             stop,
         )
 
     def evaluate(
-        network: Path, games: int, epsilon: float, flags: Sequence[str] = (), *, quiet: bool
+        network: Path, games: int, epsilon: float | None, flags: Sequence[str] = (), *, quiet: bool
     ) -> Any:
         given = EvaluationOptions(network, bool(flags), games, epsilon=epsilon)
         config = parsed("--env", "catch", *shlex.split(QUICK)).config

@@ -54,20 +54,20 @@ def write(program: Path, script: str) -> None:
 def test_games_and_steps_are_shared_out_beforehand_with_seeds_of_their_own(program: Path) -> None:
     write(program, PLAYS)
     options = EvaluationOptions(Path("w"), games=7, test_steps=100, processes=3)
-    found = list(play(options, CONFIG, ["--sync", "x"], threading.Event()))
+    found = list(play(options, 0.25, CONFIG, ["--sync", "x"], threading.Event()))
     games = {at: [each for each in found if each["process"] == at] for at in range(3)}
     assert [len(each) for each in games.values()] == [3, 2, 2]
     assert [{each["--seed"] for each in own} for own in games.values()] == [
         {"7000"}, {"7001"}, {"7002"}
     ]  # fmt: skip
     assert {each["--steps"] for each in found} == {"34"}
-    assert {each["--epsilon"] for each in found} == {"0.001"}
+    assert {each["--epsilon"] for each in found} == {"0.25"}
 
 
 def test_no_more_processes_than_games(program: Path) -> None:
     write(program, PLAYS)
     options = EvaluationOptions(Path("w"), games=2, processes=9)
-    assert len(list(play(options, CONFIG, [], threading.Event()))) == 2
+    assert len(list(play(options, 0.25, CONFIG, [], threading.Event()))) == 2
 
 
 def test_a_process_that_fails_is_quoted(program: Path) -> None:
@@ -76,7 +76,7 @@ def test_a_process_that_fails_is_quoted(program: Path) -> None:
     )
     options = EvaluationOptions(Path("w"), games=2, processes=2)
     with pytest.raises(InputError, match=r"played: weights of 4 actions\.$") as error:
-        list(play(options, CONFIG, [], threading.Event()))
+        list(play(options, 0.25, CONFIG, [], threading.Event()))
     assert error.value.exit_code == 5
 
 
@@ -84,7 +84,7 @@ def test_a_process_that_is_killed_is_told(program: Path) -> None:
     write(program, "import os; os.kill(os.getpid(), 9)")
     options = EvaluationOptions(Path("w"), games=2, processes=2)
     with pytest.raises(InputError, match=r"played: signal 9 ended a process\.$") as error:
-        list(play(options, CONFIG, [], threading.Event()))
+        list(play(options, 0.25, CONFIG, [], threading.Event()))
     assert error.value.exit_code == FAILED
 
 
@@ -93,7 +93,7 @@ def test_a_process_that_writes_much_to_its_standard_error_plays_on(program: Path
     options = EvaluationOptions(Path("w"), games=4, processes=2)
     found: list[Any] = []
     playing = threading.Thread(
-        target=lambda: found.extend(play(options, CONFIG, [], threading.Event())), daemon=True
+        target=lambda: found.extend(play(options, 0.25, CONFIG, [], threading.Event())), daemon=True
     )
     playing.start()
     playing.join(PATIENCE)
@@ -228,7 +228,7 @@ def test_a_headline_has_no_sticky_actions_where_no_console_could_repeat_them() -
 def test_what_a_headline_would_override_is_refused(program: Path) -> None:
     write(program, TELLS_ITS_CHANCES)
     with pytest.raises(InputError, match="omit --epsilon"):
-        EvaluationOptions(program, headline=True, epsilon=0.05).check()
+        EvaluationOptions(program, headline=True, epsilon=0.001).check()
     for trained in (CONFIG, None):
         sticky = replace(CONFIG, play=replace(CONFIG.play, sticky=0.1))
         with pytest.raises(InputError, match=r"omit --play\.sticky"):
@@ -243,7 +243,10 @@ def test_what_a_headline_would_override_is_refused(program: Path) -> None:
         ({"processes": 1}, r"--processes is for an evaluation"),
         ({"json": Path("x/y.json")}, r"--json is for an evaluation"),
         ({"test_steps": 6_000}, r"--test-steps is .*: give --protocol\.test-steps for the tests"),
-        ({"epsilon": 0.2}, r"--epsilon is .*: give --exploration\.end or --protocol\.test-epsilon"),
+        (
+            {"epsilon": 0.001},
+            r"--epsilon is .*: give --exploration\.end or --protocol\.test-epsilon",
+        ),
     ],
 )
 def test_options_of_an_evaluation_do_nothing_to_a_training_and_are_refused(
