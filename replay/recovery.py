@@ -89,7 +89,10 @@ def restore(ring: Ring, index: ChunkIndex, folder: Path) -> NDArray[np.int64]:
     for key in lost:
         index.drop(key)
     if lost:
-        text = "%d of %d chunks in %s are damaged: they are not drawn, the rest is used"
+        text = (
+            "%d of %d chunks in %s are damaged, or were overwritten while they were copied: "
+            "they are not drawn, the rest is used"
+        )
         _log.warning(text, len(lost), kept, folder)
     ring.tail, ring.head = index.tail, index.head
     for key, place in index.chunks.items():

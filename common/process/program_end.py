@@ -43,6 +43,8 @@ def exit_on_input_error(main: Callable[[], int | None]) -> None:
         what = f"{error.filename or 'the system'}: {error.strerror or error}: fix that"
         if error.errno in (errno.ENOSPC, errno.EDQUOT):
             what = "the disk is full: free some space"
+        elif error.errno == errno.EFBIG:
+            what = "a file would exceed the limit of its size (ulimit -f): raise the limit"
         told = "then run the command again; --resume continues a run from its last checkpoint."
         say_aside(f"error: {what}, {told}", "error")
         if error.errno in NO_ROOM_ERRORS:

@@ -569,7 +569,8 @@ def test_damaged_rows_are_reported_and_the_rest_is_used(
 
     buffer = ReplayBuffer(config, tmp_path)
     assert caplog.messages == [
-        f"1 of 5 chunks in {tmp_path} are damaged: they are not drawn, the rest is used"
+        f"1 of 5 chunks in {tmp_path} are damaged, or were overwritten while they were copied: "
+        "they are not drawn, the rest is used"
     ]
     batch = buffer.sample(0, 0.0)
     assert batch is not None
