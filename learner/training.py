@@ -187,6 +187,11 @@ class Learner:
                 "replay's folder back, or start another run with this one's network (--run "
                 f"ANOTHER --initial {self.checkpoint.path})."
             )
+        if found - known > self.config.replay.ratio_tolerance:
+            self.telemetry.say(
+                f"The replay has {found - known:,} steps more than the checkpoint: actors wait "
+                "until the updates have caught up."
+            )
         self._publish()
         self._save()  # not `_checkpoint`: a disk that is full at the start ends the run
 

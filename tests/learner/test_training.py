@@ -883,6 +883,25 @@ def test_a_replay_that_lost_more_steps_than_a_warm_up_is_refused(beyond: int) ->
     assert (again.checkpoints, again.published) == ([], [])
 
 
+@pytest.mark.parametrize("more", [1_000, 1_001])
+def test_people_are_told_why_actors_wait_after_a_kill(more: int) -> None:
+    """The preset lets the updates be 1,000 steps behind."""
+    world = World()
+    world.stops_at(200)
+    run(world)
+    known = world.checkpoints[-1]["books"]["agent_steps"]
+    again = World(chunks=world.chunks, lost=world.agent_steps - known - more)
+    again.rows = world.rows
+    again.first = len(world.credited)
+    learner = again.learner()
+    learner.restore(world.checkpoints[-1])
+    learner.start()
+    told = (
+        "The replay has 1,001 steps more than the checkpoint: actors wait until the updates"
+    )
+    assert any(said.startswith(told) for said in again.said) == (more > 1_000)
+
+
 def children_of_local_mode(**calls: Callable[..., Any]) -> Any:
     """Children that do nothing, except for these ``calls``."""
     nothing: dict[str, Callable[..., Any]] = {
