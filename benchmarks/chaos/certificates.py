@@ -1,9 +1,14 @@
 """`Certificates`: the certificates of a run's processes, which can be made to expire."""
 
-import os
 import shutil
 from collections.abc import Mapping
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
+
+from cryptography import x509
+from cryptography.hazmat.primitives.asymmetric.ec import EllipticCurvePrivateKey
+from cryptography.hazmat.primitives.hashes import SHA256
+from cryptography.hazmat.primitives.serialization import Encoding, load_pem_private_key
 
 from benchmarks.child import refusal
 from common.process.supervisor import ROOT
@@ -21,19 +26,17 @@ class Certificates:
         self._folder = folder
         self._roles = roles
         self._valid, self._expired = folder / "valid", folder / "expired"
-        self.missing = self._make(self._valid)
+        self.missing = refusal(ROOT / "deploy/certificates.sh", self._valid, "localhost")
         """Reason why there are no certificates; None if there are."""
         if self.missing is None:
             shutil.copytree(self._valid, self._expired)
-            self.missing = self._make(self._expired, DAYS="-1")
+            for role in {*roles.values()}:
+                ended = expired(self._valid / f"{role}.pem", self._valid / "ca-key.pem")
+                (self._expired / f"{role}.pem").write_bytes(ended)
             for name in roles:
                 self.of(name).mkdir()
                 shutil.copy(self._valid / "ca.pem", self.of(name))
                 self.renew(name)
-
-    def _make(self, folder: Path, **environment: str) -> str | None:
-        script = ROOT / "deploy/certificates.sh"
-        return refusal(script, folder, "localhost", env={**os.environ, **environment})
 
     def of(self, name: str) -> Path:
         """Returns the folder of a process."""
@@ -51,3 +54,17 @@ class Certificates:
         role = self._roles[name]
         for file in (f"{role}.pem", f"{role}-key.pem"):
             shutil.copy(source / file, self.of(name))
+
+
+def expired(certificate: Path, authority_key: Path) -> bytes:
+    """Returns the certificate as if it had been valid until yesterday, in PEM."""
+    now = datetime.now(UTC)
+    found = x509.load_pem_x509_certificate(certificate.read_bytes())
+    builder = x509.CertificateBuilder(
+        *(found.issuer, found.subject, found.public_key(), found.serial_number),
+        *(now - timedelta(days=2), now - timedelta(days=1)),
+        list(found.extensions),
+    )
+    key = load_pem_private_key(authority_key.read_bytes(), None)
+    assert isinstance(key, EllipticCurvePrivateKey)  # as the script makes it
+    return builder.sign(key, SHA256()).public_bytes(Encoding.PEM)

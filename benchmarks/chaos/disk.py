@@ -15,6 +15,7 @@ _mount = partial(refusal, "mount")
 _LEAST = 4096
 """Smallest number of bytes that a file system allocates."""
 _MAX_FILES = 4096
+_TRIES = 20
 
 
 class Disk:
@@ -42,7 +43,8 @@ class Disk:
         if self.missing is None:
             kept = self.folder.with_name(f"{self.folder.name}.kept")
             shutil.copytree(self.folder, kept)
-            self._unmount()
+            while self.folder.is_mount():  # twice, if an error came while it was read-only
+                self._unmount()
             self.folder.rmdir()
             kept.rename(self.folder)
 
@@ -71,12 +73,16 @@ class Disk:
     def forbid(self) -> Callable[[], None]:
         """Lets no file be created, changed or removed by its name; open files stay open.
 
-        Returns a function that allows it again.
+        Returns a function that allows it again. Raises OSError if the disk stays writable.
         """
         place = str(self.folder)
-        if why := _mount("--bind", place, place) or _mount("-o", "remount,bind,ro", place):
-            raise OSError(why)
-        return self._unmount
+        for _ in range(_TRIES):
+            if why := _mount("--bind", place, place):
+                raise OSError(why)
+            if (why := _mount("-o", "remount,bind,ro", place)) is None:
+                return self._unmount
+            self._unmount()  # a file was opened for writing between the two
+        raise OSError(why)
 
     def _unmount(self) -> None:
         subprocess.run(["umount", "--lazy", self.folder], check=True)

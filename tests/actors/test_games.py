@@ -39,7 +39,7 @@ def test_what_an_environment_prints_is_not_taken_for_a_game(tmp_path: Path) -> N
     done = subprocess.run(
         [
             *(sys.executable, "-m", "chatty"),
-            *("--weights", "w", "--settings", settings, "--ending", "8"),
+            *("--weights", "w", "--settings", settings, "--ending", "8", "--epsilon", "0"),
         ],
         env={**os.environ, "PYTHONPATH": str(tmp_path)},
         capture_output=True,

@@ -896,9 +896,7 @@ def test_people_are_told_why_actors_wait_after_a_kill(more: int) -> None:
     learner = again.learner()
     learner.restore(world.checkpoints[-1])
     learner.start()
-    told = (
-        "The replay has 1,001 steps more than the checkpoint: actors wait until the updates"
-    )
+    told = "The replay has 1,001 steps more than the checkpoint: actors wait until the updates"
     assert any(said.startswith(told) for said in again.said) == (more > 1_000)
 
 

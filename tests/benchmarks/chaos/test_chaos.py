@@ -55,6 +55,7 @@ def test_no_kind_of_fault_costs_an_acknowledged_chunk(monkeypatch: pytest.Monkey
     struck, missing = [each["fault"] for each in found["struck"]], found["missing"]
     assert sorted({*struck, *missing}) == sorted(FAULTS)
     assert len(struck) == len(FAULTS)
+    assert found["certificates"]
     told = found["audit"]
     assert told["acknowledged"] > 5 * len(FAULTS)
     assert told["lost"] == told["duplicated"] == told["unknown_rows"] == 0

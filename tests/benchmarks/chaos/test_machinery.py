@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks.chaos import disk as disk_module
 from benchmarks.chaos.certificates import Certificates
 from benchmarks.chaos.clock import Clocks
 from benchmarks.chaos.disk import Disk
@@ -37,6 +38,40 @@ def test_a_disk_is_full_and_read_only_for_a_while_and_its_files_stay(tmp_path: P
     assert not disk.folder.is_mount()
 
 
+def test_a_disk_becomes_read_only_although_somebody_begins_to_write(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with Disk(tmp_path / "disk", 2**20) as disk:
+        if disk.missing is not None:
+            pytest.skip(disk.missing)
+        mount = disk_module._mount
+        refusals: list[str] = []
+
+        def beside_a_writer(*arguments: str) -> str | None:
+            if "--bind" in arguments or refusals:
+                return mount(*arguments)
+            with (disk.folder / "file").open("wb"):
+                refusals.append(f"{mount(*arguments)}")
+                return refusals[0]
+
+        monkeypatch.setattr(disk_module, "_mount", beside_a_writer)
+        allow = disk.forbid()
+        assert "busy" in refusals[0]
+        with pytest.raises(OSError, match="Read-only"):
+            (disk.folder / "file").write_bytes(b"")
+        allow()
+        (disk.folder / "file").write_bytes(b"")
+
+
+def test_a_disk_that_an_error_left_read_only_goes_too(tmp_path: Path) -> None:
+    with Disk(tmp_path / "disk", 2**20) as disk:
+        if disk.missing is not None:
+            pytest.skip(disk.missing)
+        disk.forbid()
+    assert not disk.folder.is_mount()
+    assert [path.name for path in tmp_path.iterdir()] == ["disk"]
+
+
 def test_a_clock_jumps_for_one_process(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     clocks = Clocks(tmp_path)
     if clocks.missing is not None:
@@ -58,8 +93,7 @@ def test_a_clock_jumps_for_one_process(tmp_path: Path, monkeypatch: pytest.Monke
 
 def test_a_certificate_expires_and_is_renewed(tmp_path: Path) -> None:
     certificates = Certificates(tmp_path, {"actor-1": "actor"})
-    if certificates.missing is not None:
-        pytest.skip(certificates.missing)
+    assert certificates.missing is None
     folder = certificates.of("actor-1")
 
     def is_good() -> bool:

@@ -8,18 +8,14 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
-from datetime import UTC, datetime, timedelta
 from functools import partial
 from itertools import cycle
 from pathlib import Path
 from queue import SimpleQueue
 
 import pytest
-from cryptography import x509
-from cryptography.hazmat.primitives.asymmetric.ec import EllipticCurvePrivateKey
-from cryptography.hazmat.primitives.hashes import SHA256
-from cryptography.hazmat.primitives.serialization import Encoding, load_pem_private_key
 
+from benchmarks.chaos.certificates import expired
 from common.errors import InputError
 from common.process.exit_codes import BAD_INPUT
 from common.protocol.live_view import MAX_VIEW_BYTES
@@ -623,27 +619,13 @@ def test_a_certificate_by_name_that_is_missing_is_named(certificates: Path, tmp_
     assert check_certificates("tls/127.0.0.1:7447", folder, "actor", "a") is not None
 
 
-def _ended(certificate: Path, authority_key: Path) -> bytes:
-    """Returns the certificate as if it had ended yesterday."""
-    now = datetime.now(UTC)
-    found = x509.load_pem_x509_certificate(certificate.read_bytes())
-    builder = x509.CertificateBuilder(
-        *(found.issuer, found.subject, found.public_key(), found.serial_number),
-        *(now - timedelta(days=2), now - timedelta(days=1)),
-        list(found.extensions),
-    )
-    key = load_pem_private_key(authority_key.read_bytes(), None)
-    assert isinstance(key, EllipticCurvePrivateKey)
-    return builder.sign(key, SHA256()).public_bytes(Encoding.PEM)
-
-
 def test_a_certificate_that_is_out_of_date_is_told(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     folder = certify(tmp_path / "certificates")
     check_certificates("tls/127.0.0.1:7447", folder, "actor")
     assert not caplog.messages
-    (folder / "actor.pem").write_bytes(_ended(folder / "actor.pem", folder / "ca-key.pem"))
+    (folder / "actor.pem").write_bytes(expired(folder / "actor.pem", folder / "ca-key.pem"))
     check_certificates("tls/127.0.0.1:7447", folder, "actor")
     (told,) = caplog.messages
     assert told.startswith(f"{folder}/actor.pem is out of date since 2")
