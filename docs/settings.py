@@ -19,8 +19,8 @@ _HEAD = """\
 
 Written by `python -m docs.settings` from `config.py`, `conditions.py` and `ranges.py` in
 `common/run`; a test compares them. Each setting is a flag of `ale-robot train`, and a line of a
-`--config` file. The three columns on the right are the values of `--preset paper`, `fast` and
-`robot`; [presets.py](../common/run/presets.py) gives the reason for each. Flags that belong to a
+`--config` file. The columns on the right are the values of `--preset paper`, `fast`, `robot` and
+`frugal`; [presets.py](../common/run/presets.py) gives the reason for each. Flags that belong to a
 process and not to the run are with
 [several machines](../deploy/README.md#the-learners-flags-of-operation).
 """

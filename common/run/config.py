@@ -24,7 +24,7 @@ MAX_WINDOW = 64
 MAX_ENVS = 256
 MAX_SEED = 2**63
 
-PresetName = Literal["paper", "fast", "robot"]
+PresetName = Literal["paper", "fast", "robot", "frugal"]
 InitialWeights = Literal["torch", "glorot", "he"]
 NetworkName = Literal["nature", "nips"]
 

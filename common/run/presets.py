@@ -1,7 +1,8 @@
-"""The three presets, with a reason for each value.
+"""The presets, with a reason for each value.
 
 `paper` has the 2017 settings (R. Vargas, "Atari-playing Robot",
-https://github.com/renattou/ALE-Robot), `fast` learns ALE-Only sooner, and `robot` is for the robot.
+https://github.com/renattou/ALE-Robot), `fast` learns ALE-Only sooner, `robot` is for the robot, and
+`frugal` spares its agent steps.
 `paper` differs from the code of 2017 in two respects: a game is truncated after 30 minutes, and the
 actors play the random steps before learning starts like all other steps.
 """
@@ -112,4 +113,26 @@ _ROBOT = replace(
     # n = 5 also covers the latency from a command to its effect in the camera picture.
 )
 
-PRESETS: dict[PresetName, RunConfig] = {"paper": _PAPER, "fast": _FAST, "robot": _ROBOT}
+_FRUGAL = replace(
+    _ROBOT,
+    preset="frugal",
+    replay=replace(_ROBOT.replay, learning_starts=5_000),  # a fortieth of a run of 200,000
+    learning=replace(
+        _ROBOT.learning,
+        train_period=4,  # four times the samples per agent step, at a third of the steps per second
+        learning_rate=4e-4,  # steps are many, so each may be a little shorter
+        annealing_steps=120_000,  # some half of a run of 200,000
+        target_update_period=500,  # updates: 2,000 agent steps, so what is learned spreads sooner
+        publish_period=48,  # updates: as often by agent steps as in robot
+        checkpoint_period=5_000,
+    ),
+    exploration=replace(_ROBOT.exploration, steps=25_000),
+    protocol=replace(_ROBOT.protocol, epoch_steps=25_000),  # more points of a short curve
+)
+
+PRESETS: dict[PresetName, RunConfig] = {
+    "paper": _PAPER,
+    "fast": _FAST,
+    "robot": _ROBOT,
+    "frugal": _FRUGAL,
+}

@@ -53,7 +53,7 @@ def test_the_preset_is_asked_for_or_suits_the_environment(arguments: list[str], 
 
 
 def test_a_preset_that_is_not_there_is_told_with_those_that_are() -> None:
-    with pytest.raises(InputError, match="no preset 'zzz': choose one of paper, fast, robot"):
+    with pytest.raises(InputError, match="no preset 'zzz': choose one of paper, fast, robot, fru"):
         preset_of(["--preset", "zzz"])
     with pytest.raises(InputError, match=r"no preset 'fats': did you mean fast\?"):
         preset_of(["--preset", "fats"])

@@ -161,7 +161,7 @@ def test_what_is_no_table_is_refused(data: Any) -> None:
         ("seed", -1, "here.seed is -1: choose 0 or more."),
         ("game", 5, "here.game is 5, which is not a text."),
         ("env", ["ale"], "here.env is ['ale'], which is not a text."),
-        ("preset", None, "here.preset is None: choose 'paper', 'fast' or 'robot'."),
+        ("preset", None, "here.preset is None: choose 'paper', 'fast', 'robot' or 'frugal'."),
     ],
 )
 def test_a_field_of_another_type_is_named(field: str, value: Any, sentence: str) -> None:
