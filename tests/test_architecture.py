@@ -43,7 +43,7 @@ DOORS: dict[str, str | tuple[str, ...]] = {
     "pyarrow": "common/dataset/",
     "cryptography": (
         *("common/transport/credentials.py", "common/transport/signature.py"),
-        "deploy/certificates.py",
+        *("deploy/certificates.py", "benchmarks/chaos/certificates.py"),
     ),
     "ray": ("deploy/ray_cluster.py", "deploy/ray_keepers.py"),
 }
