@@ -64,7 +64,7 @@ Train a robot on this machine until Ctrl-C.
   --run NAME           name of the run and of its folder in runs/
   --env robot|ale      camera and hands (default), or the emulator alone
   --game GAME          pong (default), breakout, …; list: ale-robot --help-all
-  --preset NAME        settings to start from: robot (default), fast or paper
+  --preset NAME        settings: robot (default), frugal, fast or paper
   --actors N           number of robots that play at the same time (default 1)
   --steps N            agent steps at which to end; 400,000 take 20 to 90 min
   --initial NAME|FILE  network to start from, with its layers

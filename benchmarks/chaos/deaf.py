@@ -60,17 +60,17 @@ def measure(options: Options) -> Report:
     # Each damaged message is a warning, of which there are thousands here.
     logging.getLogger("common.transport").setLevel(logging.ERROR)
     endpoint = free_endpoint()
-    hub = open_hub(endpoint)
-    hub.serve("run/*/insert", _accept)
     seconds: list[float | None] = []
-    with ThreadPoolExecutor(options.clients) as pool, Progress("breaking", 1.0) as progress:
-        seeds = range(options.connections)
-        each = [pool.submit(break_one, options, endpoint, seed) for seed in seeds]
-        for done in as_completed(each):
+    with (
+        open_hub(endpoint) as hub,
+        ThreadPoolExecutor(options.clients) as pool,
+        Progress("breaking", options.connections) as progress,
+    ):
+        hub.serve("run/*/insert", _accept)
+        numbers = range(options.connections)
+        for done in as_completed(pool.submit(break_one, options, endpoint, n) for n in numbers):
             seconds.append(done.result())
-            share = len(seconds) / options.connections
-            progress.update(share, note=f"{len(seconds)} connections")
-    hub.close()
+            progress.update(len(seconds), note=f"{len(seconds)} connections")
     return report(options, seconds)
 
 
@@ -82,8 +82,7 @@ def break_one(options: Options, endpoint: str, number: int) -> float | None:
     Raises:
         InputError: the client did not find the hub, before anything was broken.
     """
-    with Link(endpoint) as link:
-        client = connect(link.endpoint, _JOIN)
+    with Link(endpoint) as link, connect(link.endpoint, _JOIN) as client:
         requester = client.requester(f"run/client-{number}/insert", _PATIENCE)
         window = Window(requester, lambda _: None)
         if not _becomes(lambda: requester.has_server, _JOIN):
@@ -97,9 +96,7 @@ def break_one(options: Options, endpoint: str, number: int) -> float | None:
         link.mend()
         mended = time.monotonic()
         answered = _becomes(lambda: window.wait(0, 0.2), options.longest)
-        took = time.monotonic() - mended
-        client.close()
-        return took if answered else None
+        return time.monotonic() - mended if answered else None
 
 
 def report(options: Options, seconds: Sequence[float | None]) -> Report:

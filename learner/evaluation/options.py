@@ -30,9 +30,7 @@ EPSILON = 0.001
 """Share of random actions in an evaluation for which none is given."""
 
 HEADLINE = (
-    Measure(
-        EPSILON, 0.0
-    ),  # the policy itself: nearly one game, repeated on a deterministic console
+    Measure(EPSILON, 0.0),  # the policy itself: nearly one game, repeated
     Measure(0.05, 0.0),  # 2017, after Mnih et al. 2015
     Measure(EPSILON, 0.25),  # Machado et al. 2018, and ALE's v5 environments
 )

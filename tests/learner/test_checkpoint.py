@@ -101,21 +101,16 @@ def test_a_flipped_bit_is_noticed(tmp_path: Path, spot: float) -> None:
         load(checkpoint_of(tmp_path, _algorithm(1)))
 
 
-def test_counters_that_changed_on_the_disk_are_noticed(tmp_path: Path) -> None:
-    checkpoint = checkpoint_of(tmp_path, _algorithm(0))
-    checkpoint.save({"updates": 1_234})
-    content = checkpoint.path.read_bytes()
-    checkpoint.path.write_bytes(content.replace(b"1234", b"1235"))
-    with pytest.raises(InputError, match="checksum does not match"):
-        load(checkpoint)
-
-
-def test_a_tensors_name_that_changed_on_the_disk_is_noticed(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("part", "changed"),
+    [(b"1234", b"1235"), (b'"target.', b'"targev.')],
+    ids=["counters", "a tensor's name"],
+)
+def test_what_changed_on_the_disk_is_noticed(part: bytes, changed: bytes, tmp_path: Path) -> None:
     """It is damage, and not another network's checkpoint."""
     checkpoint = checkpoint_of(tmp_path, _algorithm(0))
-    checkpoint.save({"updates": 1})
-    content = checkpoint.path.read_bytes()
-    checkpoint.path.write_bytes(content.replace(b'"target.', b'"targev.'))
+    checkpoint.save({"updates": 1_234})
+    checkpoint.path.write_bytes(checkpoint.path.read_bytes().replace(part, changed))
     with pytest.raises(InputError, match="checksum does not match"):
         load(checkpoint)
 

@@ -861,17 +861,24 @@ def test_tests_that_go_on_are_waited_for() -> None:
     assert world.rows[-1].phase == "test"
 
 
-@pytest.mark.parametrize("beyond", [0, 1])
-def test_a_replay_that_lost_more_steps_than_a_warm_up_is_refused(beyond: int) -> None:
+def resumed_with(more: int) -> tuple[World, Learner, int]:
+    """Returns a run that goes on with a replay of so many steps more than its checkpoint, its
+    learner, and the steps of the checkpoint."""
     world = World()
     world.stops_at(200)
     run(world)
     known = world.checkpoints[-1]["books"]["agent_steps"]
-    again = World(chunks=world.chunks, lost=world.agent_steps - known + 100 + beyond)
+    again = World(chunks=world.chunks, lost=world.agent_steps - known - more)
     again.rows = world.rows
     again.first = len(world.credited)
     learner = again.learner()
     learner.restore(world.checkpoints[-1])
+    return again, learner, known
+
+
+@pytest.mark.parametrize("beyond", [0, 1])
+def test_a_replay_that_lost_more_steps_than_a_warm_up_is_refused(beyond: int) -> None:
+    again, learner, known = resumed_with(-100 - beyond)
     if not beyond:
         learner.start()
         return
@@ -886,15 +893,7 @@ def test_a_replay_that_lost_more_steps_than_a_warm_up_is_refused(beyond: int) ->
 @pytest.mark.parametrize("more", [1_000, 1_001])
 def test_people_are_told_why_actors_wait_after_a_kill(more: int) -> None:
     """The preset lets the updates be 1,000 steps behind."""
-    world = World()
-    world.stops_at(200)
-    run(world)
-    known = world.checkpoints[-1]["books"]["agent_steps"]
-    again = World(chunks=world.chunks, lost=world.agent_steps - known - more)
-    again.rows = world.rows
-    again.first = len(world.credited)
-    learner = again.learner()
-    learner.restore(world.checkpoints[-1])
+    again, learner, _ = resumed_with(more)
     learner.start()
     told = "The replay has 1,001 steps more than the checkpoint: actors wait until the updates"
     assert any(said.startswith(told) for said in again.said) == (more > 1_000)
