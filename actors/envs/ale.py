@@ -57,7 +57,7 @@ class AtariEnv(GameEnv):
                 latency model.
         """
         console = AtariGame(game, play, camera, randomise, training=training)
-        model = LatencyModel.of_file(play.latency_model) if play.latency_model else None
+        model = LatencyModel.of_play(play) if play.latency_model else None
         # Only a robot's controller may be read once per agent step.
         world = World(model, console, replace(play, read_keys="frame"))
         super().__init__(console, world, play, render_mode)

@@ -14,7 +14,7 @@ from operator import and_, or_
 from actors.envs.hand_timing import HandLatency, key_latencies
 from actors.robots.interface import Hands
 from common.actions import OPPOSITES, Keys
-from common.run.conditions import MAX_ADDED
+from common.run.conditions import MAX_ADDED, MAX_GAP
 
 _HANDS = tuple(map(int, (Keys.UP | Keys.DOWN | Keys.LEFT | Keys.RIGHT, Keys.FIRE)))
 """The keys of each hand, or stick. It moves from one set of its keys to another."""
@@ -25,25 +25,31 @@ TRAVEL = 1
 """Further frames for a hand that released keys less than `REST` frames ago: it is still moving."""
 REST = 6
 """Emulator frames without a key after which a hand is at rest."""
-_REMEMBERED = MAX_ADDED + GAP + TRAVEL + REST + 1
+_REMEMBERED = MAX_ADDED + max(GAP + TRAVEL, MAX_GAP) + REST + 1
 
 
 class LatencyEqualiser:
     """Implements `Hands` by others: each hand leaves its keys ``latency`` emulator frames after
-    what was seen when that was commanded, and presses others `GAP` frames later than that, or
-    `GAP` + `TRAVEL`, as NAO's do. Keys that are not commanded for so long are not pressed.
+    what was seen when that was commanded, and presses others ``gap`` frames later than that; if it
+    is 0 `GAP`, or `GAP` + `TRAVEL`, as NAO's do. Keys that are not commanded for so long are not
+    pressed.
 
     Hands that need longer are not made slower. Until they are timed they count as without latency.
     It runs in every frame, hence whole numbers instead of `Keys`.
     """
 
     def __init__(
-        self, hands: Hands, latency: int, give: Callable[[int], None] = lambda ago: None
+        self,
+        hands: Hands,
+        latency: int,
+        gap: int = 0,
+        give: Callable[[int], None] = lambda ago: None,
     ) -> None:
         """``give`` is told, before each command that the hands get, how many emulator frames ago
         the agent gave it."""
         self._hands = hands
         self._latency = latency
+        self._gap, self._travel = (gap, 0) if gap else (GAP, TRAVEL)
         self._give = give
         self.seen_late = 0
         """Emulator frames by which the eye's pictures are late."""
@@ -59,7 +65,7 @@ class LatencyEqualiser:
         keys_by_latency: dict[HandLatency, int] = {}
         for key, (release, *presses) in key_latencies(self._hands, keys, self._give).items():
             # A command that pressed a key sooner than it releases another would take two.
-            gaps = zip(presses, (GAP, GAP + TRAVEL), strict=True)
+            gaps = zip(presses, (self._gap, self._gap + self._travel), strict=True)
             latency = HandLatency(release, *(min(press, release + gap) for press, gap in gaps))
             keys_by_latency[latency] = keys_by_latency.get(latency, 0) | int(key)
         self._keys_by_latency = dict(sorted(keys_by_latency.items()))
@@ -92,13 +98,7 @@ class LatencyEqualiser:
                 self._held_in(frames)
                 for frames in range(min(release, press), max(release, press) + 1)
             ]
-            # Held first, in play it was commanded `GAP` + `TRAVEL` frames before; at rest, `GAP`.
-            moving = [
-                self._held_in(frames)
-                & ~self._held_in(frames - TRAVEL)
-                & self._seen_in(frames - GAP - TRAVEL)
-                for frames in range(press + 1, in_play + 1)
-            ]
+            moving = [self._pressed_in_play(frames) for frames in range(press + 1, in_play + 1)]
             keys &= reduce(or_, moving, reduce(or_ if press > release else and_, coming))
             for pair in _OPPOSITES:
                 if due & pair:  # a quicker key opposite is to be held sooner
@@ -107,6 +107,14 @@ class LatencyEqualiser:
                     keys &= ~pair | self._passed_on
             due |= keys
         return due
+
+    def _pressed_in_play(self, frames: int) -> int:
+        """The keys that are to be pressed so many frames from now, by a hand that still moves."""
+        pressed = self._held_in(frames) & ~self._held_in(frames - 1)
+        if self._travel:  # it was commanded gap and travel before; at rest, the gap
+            return pressed & self._seen_in(frames - self._gap - self._travel)
+        before = reduce(or_, (self._held_in(frames - ago) for ago in range(1, REST + 1)))
+        return reduce(or_, (pressed & hand for hand in _HANDS if before & hand), 0)
 
     def _given_ago(self, due: int) -> int:
         """How many emulator frames ago the agent gave the command by which ``due`` is due."""
@@ -132,12 +140,13 @@ class LatencyEqualiser:
         """The keys that are to be held by the last command, if it has lasted ``ahead`` frames
         more."""
         last = len(self._told) - 1
-        past = [self._told[min(last, last + ahead - ago)] for ago in range(GAP + TRAVEL + REST)]
+        remembered = range(self._gap + self._travel + REST)
+        past = [self._told[min(last, last + ahead - ago)] for ago in remembered]
         held = 0
         for hand in _HANDS:
             keys, *before = (each & hand for each in past)
-            moving = any(before[GAP:])
-            if all(each == keys for each in before[: GAP + TRAVEL * moving]):
+            moving = any(before[self._gap :])
+            if all(each == keys for each in before[: self._gap + self._travel * moving]):
                 held |= keys
         return held
 

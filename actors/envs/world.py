@@ -152,5 +152,5 @@ class World:
         self._equaliser: LatencyEqualiser | None = None
         if play.equal_latency:
             self._hands = self._equaliser = LatencyEqualiser(
-                self._hands, play.equal_latency, self.key_watch.give
+                self._hands, play.equal_latency, play.equal_gap, self.key_watch.give
             )

@@ -6,8 +6,8 @@ agree. Each row has its own time between two new commands.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Annotated
+from dataclasses import dataclass, replace
+from typing import Annotated, Literal
 
 import numpy as np
 from annotated_types import Ge, Le, MinLen
@@ -21,7 +21,9 @@ from common.actions import KEYS_OF_ACTION, Keys
 from common.checked import FromOne
 from common.games import MINIMAL_ACTIONS, SCREEN_SHAPE, check_game
 from common.registry import ROBOTS
-from common.run.conditions import MAX_ADDED, CameraConfig, PlayConfig
+from common.run.conditions import MAX_ADDED, MAX_GAP, CameraConfig, PlayConfig
+
+_TOLD = ("latency", "gap", "model_rate", "game", "steps", "seed")
 
 
 @dataclass(frozen=True)
@@ -34,6 +36,10 @@ class Options(BenchmarkOptions):
     latency: Annotated[int, Ge(1), Le(MAX_ADDED)] = 16
     """Latency of the schedule, emulator frames (--play.equal-latency); hands that need longer stay
     later."""
+    gap: Annotated[int, Ge(0), Le(MAX_GAP)] = 0
+    """Gap of the schedule between two keys, emulator frames (--play.equal-gap)."""
+    model_rate: Literal[30, 60] = 30
+    """Commands that a latency model takes per second (--play.model-rate)."""
     game: str = "pong"
     """Game whose own actions are commanded."""
     steps: FromOne = 5_000
@@ -51,16 +57,18 @@ class Options(BenchmarkOptions):
 def measure(options: Options) -> Report:
     keys = [KEYS_OF_ACTION[action] for action in MINIMAL_ACTIONS[options.game]]
     rows = []
+    play = PlayConfig(model_rate=options.model_rate)
     # All are made at once: an unknown or damaged one is told before the minutes of the others.
     robots = [
-        ROBOTS.make(name, SCREEN_SHAPE, CameraConfig(), PlayConfig(robot=name))
+        ROBOTS.make(name, SCREEN_SHAPE, CameraConfig(), replace(play, robot=name))
         for name in options.robots
     ]
     told = [random_commands(keys, every, options.steps, options.seed) for every in options.every]
-    schedules = [keys_held(_exact_hands(), commands, options.latency) for commands in told]
+    equal = (options.latency, options.gap)
+    schedules = [keys_held(_exact_hands(), commands, *equal) for commands in told]
     for name, robot in zip(options.robots, robots, strict=True):
         for every, commands, schedule in zip(options.every, told, schedules, strict=True):
-            other = keys_held(robot, commands, options.latency) != schedule
+            other = keys_held(robot, commands, *equal) != schedule
             rows.append(
                 {
                     "robot": name,
@@ -72,7 +80,7 @@ def measure(options: Options) -> Report:
     return Report.of(
         f"Keys of equal hands, {options.latency} frames late",
         rows,
-        {name: getattr(options, name) for name in ("latency", "game", "steps", "seed")},
+        {name: getattr(options, name) for name in _TOLD},
     )
 
 
@@ -91,10 +99,12 @@ def random_commands(keys: Sequence[Keys], every: int, steps: int, seed: int) -> 
     return commands
 
 
-def keys_held(hands: Hands, commands: Sequence[Keys], latency: int) -> NDArray[np.int64]:
+def keys_held(
+    hands: Hands, commands: Sequence[Keys], latency: int, gap: int = 0
+) -> NDArray[np.int64]:
     """Returns the keys at the end of each emulator frame, with ``hands`` made equal,
     ``int [commands × frame skip]``."""
-    equal = LatencyEqualiser(hands, latency)
+    equal = LatencyEqualiser(hands, latency, gap)
     equal.time(~Keys.NONE)
     equal.rest()
     held = []

@@ -20,6 +20,8 @@ MAX_STARTS = 10_000
 MAX_WAIT = 50
 MAX_ADDED = 36
 """Maximum added latency, emulator frames; 600 ms."""
+MAX_GAP = 12
+"""Maximum gap between two keys of hands that are made equal, emulator frames; 200 ms."""
 MAX_PICTURE_LATENCY = 3
 """Agent steps."""
 MAX_HISTORY = 60
@@ -77,6 +79,9 @@ class PlayConfig:
     with a latency model in place of its hands, in the format of Physical Atari. The emulator alone
     follows such a model too. The run stores the file's SHA-256; each process needs the same
     file."""
+    model_rate: Literal[30, 60] = 30
+    """Commands that a latency model of --robot FILE.npz takes per second. Such a file does not tell
+    its own rate."""
     robot_settings: LongText = ""
     """Settings that a registered robot declares for itself, such as 'reach=0.4 fingers=2'; the
     help of all flags lists them beside --robot NAME."""
@@ -97,9 +102,11 @@ class PlayConfig:
     Commands keep their order."""
     equal_latency: AddedLatency = 0
     """Latency to which all hands are slowed, from a picture to the release of keys, emulator
-    frames; 0 for none. Keys and eye are timed, and hands that are faster get their commands later.
-    New keys are pressed one frame after the release, or two if the hand comes from other keys, as
-    NAO's do."""
+    frames; 0 for none. Keys and eye are timed, and hands that are faster get their commands
+    later."""
+    equal_gap: Annotated[int, Ge(0), Le(MAX_GAP)] = 0
+    """Time from the release of keys to the press of others under --play.equal-latency, emulator
+    frames. 0 is as by NAO's hands: one, or two if the hand comes from other keys."""
     arm_speed: Annotated[float, Ge(0.25), Le(1.1), OF_A_ROBOT] = 1.0
     """Maximum speed of the arms' joints, relative to the usual maximum, which is 0.9 of the
     published speed."""

@@ -7,9 +7,7 @@ import numpy as np
 
 from actors.robots.latency_model.weights import ACTIONS, COMMANDS, ROW, ModelWeights, read_weights
 from common.actions import KEYS_OF_ACTION, Keys, action_of_keys
-
-FRAMES = 2
-"""Emulator frames per command of the model: the published experiments run at 30 Hz."""
+from common.run.conditions import FRAMES_PER_SECOND, PlayConfig
 
 _NOTHING = (0, ACTIONS)
 
@@ -17,23 +15,24 @@ _NOTHING = (0, ACTIONS)
 class LatencyModel:
     """Implements `Hands`: keys that follow the commands as the network of ``weights`` says.
 
-    The network runs 30 times a second. Its input is the present command and the last 29, each with
-    the action that the console got just before: the command one-hot, then that action one-hot. Two
-    dense layers with a ReLU between them give 18 numbers, and the action of the greatest is held
-    until the next run. Nothing is random. A game begins with no commands and no keys pressed.
+    The network runs ``rate`` times a second. Its input is the present command and the last 29, each
+    with the action that the console got just before: the command one-hot, then that action one-hot.
+    Two dense layers with a ReLU between them give 18 numbers, and the action of the greatest is
+    held until the next run. Nothing is random. A game begins with no commands and no keys pressed.
     """
 
-    def __init__(self, weights: ModelWeights) -> None:
+    def __init__(self, weights: ModelWeights, rate: int) -> None:
         self._weights = weights
+        self._period = FRAMES_PER_SECOND // rate
         # Multiplying by a one-hot vector selects one column.
         self._columns = np.ascontiguousarray(weights.fc_weight.T).reshape(COMMANDS, ROW, -1)
         self._slots = np.arange(COMMANDS)[:, None]
         self.rest()
 
     @classmethod
-    def of_file(cls, name: str) -> Self:
-        """Returns the model in the file that ``name`` stands for; see `read_weights`."""
-        return cls(read_weights(name))
+    def of_play(cls, play: PlayConfig) -> Self:
+        """Returns the model in the file ``play.robot``; see `read_weights`."""
+        return cls(read_weights(play.robot), play.model_rate)
 
     @property
     def held(self) -> Keys:
@@ -47,7 +46,7 @@ class LatencyModel:
         self._wanted = action_of_keys(keys)
 
     def step_frame(self) -> Keys:
-        if self._frame % FRAMES == 0:
+        if self._frame % self._period == 0:
             self._past.append((self._wanted, ACTIONS + self._taken))
             self._taken = self._next()
         self._frame += 1

@@ -15,7 +15,7 @@ class ModelledNao(Nao):
 
     def __init__(self, game_size: tuple[int, int], camera: CameraConfig, play: PlayConfig) -> None:
         """Raises InputError if the file holds no latency model."""
-        self._model = LatencyModel.of_file(play.robot)
+        self._model = LatencyModel.of_play(play)
         super().__init__(game_size, camera, play)
 
     @property

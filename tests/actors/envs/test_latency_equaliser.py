@@ -13,7 +13,7 @@ from actors.envs.latency_equaliser import LatencyEqualiser
 from actors.envs.robot import RobotEnv
 from actors.robots.interface import Hands
 from common.actions import KEYS_OF_ACTION, Keys
-from common.run.conditions import MAX_ADDED, PlayConfig
+from common.run.conditions import MAX_ADDED, MAX_GAP, PlayConfig
 from tests.actors.envs.uneven_hands import UnevenHands
 
 EQUAL = 12
@@ -28,8 +28,8 @@ def hands(latency: int = 0, press: int = 0) -> Hands:
     return hands_of(play, None, np.random.default_rng(0))
 
 
-def equal(latency: int = 0, press: int = 0, at: int = EQUAL) -> LatencyEqualiser:
-    made = LatencyEqualiser(hands(latency, press), at)
+def equal(latency: int = 0, press: int = 0, at: int = EQUAL, gap: int = 0) -> LatencyEqualiser:
+    made = LatencyEqualiser(hands(latency, press), at, gap)
     made.time(ALL)
     made.rest()
     return made
@@ -44,17 +44,17 @@ def play(on: Hands, actions: list[int], frames: int = 4) -> list[Keys]:
     return felt
 
 
-def schedule(actions: list[int], latency: int, frames: int = 4) -> list[Keys]:
+def schedule(actions: list[int], latency: int, frames: int = 4, gap: int = 0) -> list[Keys]:
     """The keys of each frame, by a walk of each hand from one set of keys to the next: it leaves
-    one at ``latency`` frames after the command, and is at the next a frame later if it held none
-    for six frames before, else two."""
+    one at ``latency`` frames after the command, and is at the next ``gap`` frames later; if that is
+    0 a frame later if it held none for six frames before, else two."""
     told = [Keys.NONE] * latency + [KEYS_OF_ACTION[each] for each in actions for _ in range(frames)]
     held = [Keys.NONE] * len(actions) * frames
     for hand in (Keys.UP | Keys.DOWN | Keys.LEFT | Keys.RIGHT, Keys.FIRE):
         at, idle, arrives = Keys.NONE, 100, 0
         for now in range(len(held)):
             if (goal := told[now] & hand) != at:
-                arrives = now + (1 if not at and idle >= 6 else 2)
+                arrives = now + (gap or (1 if not at and idle >= 6 else 2))
                 at = goal
             idle = 0 if at else idle + 1
             if now >= arrives:
@@ -71,6 +71,25 @@ def test_quick_hands_hold_the_keys_of_the_schedule(
     latency: int, actions: list[int], frames: int
 ) -> None:
     assert play(equal(latency), actions, frames) == schedule(actions, EQUAL, frames)
+
+
+@given(st.integers(1, MAX_GAP), st.integers(0, EQUAL), ACTIONS, st.integers(4, 7))
+@example(4, EQUAL, [3, 4, 0, 4, 0, 0, 4, 10, 12, 1, 0, 1], 4)
+@example(MAX_GAP, 0, [3, 3, 3, 4, 4, 4, 4, 0, 3, 3, 3, 3], 4)
+def test_the_gap_is_as_long_as_wished(
+    gap: int, latency: int, actions: list[int], frames: int
+) -> None:
+    waiting = equal(latency, gap=gap)
+    assert play(waiting, actions, frames) == schedule(actions, EQUAL, frames, gap)
+
+
+def test_a_gap_by_hand() -> None:
+    left, right, none = Keys.LEFT, Keys.RIGHT, Keys.NONE
+    # left, right, left for one agent step, right.
+    felt = play(equal(at=1, gap=4), [4, 4, 3, 3, 3, 4, 3, 3, 3])[1:]
+    assert felt[:12] == [*[none] * 4, *[left] * 4, *[none] * 4]
+    assert felt[12:24] == [*[right] * 8, *[none] * 4]
+    assert felt[24:] == [*[none] * 4, *[right] * 7]
 
 
 @given(st.integers(0, EQUAL), DIRECTIONS)

@@ -9,13 +9,14 @@ from actors.robots.latency import FRAME_MS, Latency, changes
 from actors.robots.latency_model.model import LatencyModel
 from actors.robots.latency_model.weights import ModelWeights
 from common.actions import KEYS_OF_ACTION, Keys
+from common.run.conditions import PlayConfig
 from tests.actors.robots.latency_model.models import Arrays, delay, drawn, flicker, plain, saved
 
 NONE, UP, FIRE = Keys.NONE, Keys.UP, Keys.FIRE
 
 
-def hands(arrays: Arrays) -> LatencyModel:
-    return LatencyModel(ModelWeights(**arrays))  # type: ignore[arg-type]
+def hands(arrays: Arrays, rate: int = 30) -> LatencyModel:
+    return LatencyModel(ModelWeights(**arrays), rate)  # type: ignore[arg-type]
 
 
 def pressed(model: LatencyModel, *commands: Keys, frames: int = 2) -> list[Keys]:
@@ -33,6 +34,11 @@ def test_a_model_of_no_delay_presses_at_once_for_two_frames() -> None:
     # A command between two of the model's turns waits for the next one, as at 30 Hz.
     assert pressed(model, UP, FIRE, NONE, frames=1) == [UP, UP, NONE]
     assert pressed(model, FIRE, frames=1) == [NONE]
+
+
+def test_at_60_commands_per_second_it_takes_one_in_each_frame() -> None:
+    assert pressed(hands(delay(0), 60), UP, FIRE, frames=1) == [UP, FIRE]
+    assert pressed(hands(delay(3), 60), UP, *[NONE] * 4, frames=1) == [NONE] * 3 + [UP, NONE]
 
 
 def test_a_model_of_three_commands_delay() -> None:
@@ -81,10 +87,12 @@ def test_equal_values_give_the_first_action() -> None:
 
 
 def test_its_latency_is_measured_as_of_any_hands(tmp_path: Path) -> None:
-    model = LatencyModel.of_file(saved(tmp_path / "m.npz", delay(5)))
-    found = list(changes(model, 1, 0))
-    latency = Latency.of(found)
-    assert latency.p50_ms == latency.p99_ms == pytest.approx(11 * FRAME_MS)
-    assert latency.unreached == 0
-    # In play, commands from before the old one are still on their way.
-    assert {each.strayed for each in found if each.settled} == {False}
+    for rate, frames in ((30, 11), (60, 6)):
+        robot = saved(tmp_path / "m.npz", delay(5))
+        model = LatencyModel.of_play(PlayConfig(robot=robot, model_rate=rate))  # type: ignore[arg-type]
+        found = list(changes(model, 1, 0))
+        latency = Latency.of(found)
+        assert latency.p50_ms == latency.p99_ms == pytest.approx(frames * FRAME_MS)
+        assert latency.unreached == 0
+        # In play, commands from before the old one are still on their way.
+        assert {each.strayed for each in found if each.settled} == {False}
