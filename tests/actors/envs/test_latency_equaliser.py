@@ -329,3 +329,12 @@ def test_the_hands_of_a_robot_become_those_of_the_model_however_late_they_are() 
     assert agreement(keys_felt(replace(roller, actuation_latency=7)), keys_felt(roller)) == 1
     own = keys_felt(PlayConfig(robot="robotroller", actuation_latency=EQUAL))
     assert agreement(own, exact) < 0.96
+
+
+@pytest.mark.parametrize("gap", [4, 8])
+@pytest.mark.parametrize("robot", ["nao", "robotroller"])
+def test_with_a_longer_gap_the_hands_of_both_robots_are_exact(robot: str, gap: int) -> None:
+    """A hand that presses 4 frames after a release still moves, and after 8 frames it rests."""
+    exact = PlayConfig(hand="model", equal_latency=EQUAL, equal_gap=gap)
+    play = PlayConfig(robot=robot, equal_latency=EQUAL, equal_gap=gap)
+    assert agreement(keys_felt(play), keys_felt(exact)) == 1
