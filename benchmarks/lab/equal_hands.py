@@ -77,8 +77,9 @@ def measure(options: Options) -> Report:
                 }
             )
         robot.close()
+    gap = f", {options.gap} frames between two keys" if options.gap else ""
     return Report.of(
-        f"Keys of equal hands, {options.latency} frames late",
+        f"Keys of equal hands, {options.latency} frames late{gap}",
         rows,
         {name: getattr(options, name) for name in _TOLD},
     )
