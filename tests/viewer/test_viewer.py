@@ -166,6 +166,14 @@ def test_a_robots_own_settings_go_over_those_of_the_run(tmp_path: Path) -> None:
             Played(robot_settings="depth=x").config(weights)
 
 
+def test_a_latency_models_rate_goes_over_that_of_the_run(tmp_path: Path) -> None:
+    play = replace(PRESETS["robot"].play, model_rate=60)
+    weights = in_run(tmp_path, replace(PRESETS["robot"], play=play), 6)
+    assert Played().config(weights).play.model_rate == 60
+    assert Played(model_rate=30).config(weights).play.model_rate == 30
+    assert Played().config().play.model_rate == 30
+
+
 def test_what_is_played_comes_from_the_run_of_the_weights(tmp_path: Path) -> None:
     ran = replace(PRESETS["fast"], game="breakout")
     drawing = replace(ran, randomise=RandomiseConfig(latency=3))
