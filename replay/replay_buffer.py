@@ -47,6 +47,8 @@ class ReplayBuffer:
         """Number of actors' messages that must be sent again, since this process began."""
         self.shut_out = 0
         """Number of connections by processes that this hub does not admit, since then."""
+        self.draws = False
+        """Whether a learner has asked for a minibatch since then."""
         self._batch_size = config.learning.batch_size
         self._difficulty_after = config.difficulty_after
         self.released: Callable[[], None] = lambda: None
@@ -146,6 +148,7 @@ class ReplayBuffer:
         timeout: float,
         read: Callable[[NDArray[np.int64], NDArray[np.float32]], _Found | None],
     ) -> _Found | None:
+        self.draws = True
         with self._state:
             # The learner drew the steps from which it learned the newest weights, so a smaller
             # count is not from it. (A resumed learner first publishes its older weights.)

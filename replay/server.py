@@ -115,7 +115,7 @@ class ReplayServer(AbstractContextManager["ReplayServer"]):
 
     def _admits(self, actor: str, request: Request) -> bool:
         """Whether the request is within the actor's turn and quota, judged before it is read."""
-        if actor == DEMONSTRATIONS and self._weights is None:  # the learner's, at the beginning
+        if actor == DEMONSTRATIONS and not self._buffer.draws:  # the learner's, at the beginning
             return True
         known = self._quota.knows(actor)
         steps = max(request.size / FRAME_BYTES, 1.0) if request.size else _POLL_STEPS

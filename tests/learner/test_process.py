@@ -1,8 +1,9 @@
 """The start of the process that trains."""
 
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
-from unittest.mock import Mock
+from unittest.mock import MagicMock, Mock
 
 import pytest
 import torch
@@ -58,3 +59,32 @@ def test_a_start_that_is_killed_leaves_its_network_or_nothing_to_resume(
     options("--resume").check_here()
     found = first_network(options("--resume"), folder)
     assert torch.equal(found.hidden.weight, network.hidden.weight)
+
+
+@pytest.mark.parametrize("stopped", [False, True])
+def test_a_learner_that_is_stopped_while_it_sends_demonstrations_publishes_no_weights(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, stopped: bool
+) -> None:
+    given = ["--runs", str(tmp_path), "--run", "r", "--env", "ale", "--threads=1"]
+    options, _ = parse_run(LearnerOptions, "learner", given, stored_config)
+    sent = None if stopped else Mock(encode=lambda: b"complete")
+    recorded = Mock(insert=lambda *given: sent, begun=Mock(encode=lambda: b"begun"))
+    learner, replay = MagicMock(failed=None, done=False), Mock(run_id="id")
+    replay.progress.return_value.file_bytes = 0
+    folder = RunFolder(tmp_path, "r")
+
+    def build(*given: Any, **more: Any) -> Any:
+        folder.gates.touch()
+        return learner
+
+    for name, found in {
+        "begin_with": lambda *given, **how: recorded,
+        "open_pages": lambda *given: nullcontext(((), None)),
+        "open_replay": lambda *given: nullcontext((Mock(), replay, "tcp/127.0.0.1:1")),
+        "build_learner": build,
+        **dict.fromkeys(("build_algorithm", "on_signals", "end_with_any_thread"), MagicMock()),
+    }.items():
+        monkeypatch.setattr(process, name, found)
+    assert process.train(options, again=False) == 0
+    assert learner.start.called == learner.run.called != stopped
+    assert folder.demonstrations.read_bytes() == (b"begun" if stopped else b"complete")
