@@ -3,7 +3,7 @@
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack
+from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass
 
 from common.metrics import METRICS, Value, Values, number
@@ -36,8 +36,11 @@ the run's own epochs."""
 
 
 @dataclass
-class Telemetry:
-    """Collects what a run shows and records, except for checkpoints and snapshots of weights."""
+class Telemetry(AbstractContextManager["Telemetry"]):
+    """Collects what a run shows and records, except for checkpoints and snapshots of weights.
+
+    The end of its block closes all sinks, without figures if `close` has not written them.
+    """
 
     config: RunConfig
     constants: Values
@@ -58,6 +61,8 @@ class Telemetry:
     def __post_init__(self) -> None:
         for sink in self.sinks:
             sink.watch(self.feed)
+        self._started: list[Sink] = []
+        """The sinks that are open."""
         self._due = [Every(sink.period, self.now) for sink in self.sinks]
         self._means = RunningMeans()
         self._latency = RecentLatency(self.now)
@@ -77,8 +82,12 @@ class Telemetry:
             resumed_at: agent steps of the checkpoint; None for a new run.
         """
         self.rows = self.epochs.keep(rows)
-        for sink in self.sinks:
-            sink.start(resumed_at)
+        with ExitStack() as failed:
+            failed.callback(self._release)
+            for sink in self.sinks:
+                sink.start(resumed_at)
+                self._started.append(sink)
+            failed.pop_all()
 
     def update(self, batch: DeviceBatch, result: Update) -> None:
         """Takes in one update."""
@@ -130,12 +139,24 @@ class Telemetry:
 
     def close(self, values: Values, replay: Progress) -> None:
         """Writes the last figures and closes all sinks, even if one fails."""
-        snapshot = self._snapshot(values, replay)
+        snapshot = None
+        try:
+            snapshot = self._snapshot(values, replay)  # fails where the GPU does
+        finally:
+            self._release(snapshot)
+
+    def __exit__(self, *_: object) -> None:
+        self._release()
+
+    def _release(self, last: Snapshot | None = None) -> None:
+        """Closes all sinks that are open, even if one fails; each writes ``last`` before."""
         with ExitStack() as end:
-            for sink in reversed(self.sinks):
+            for sink in reversed(self._started):
                 end.callback(sink.close)
-                end.callback(sink.write, snapshot)
+                if last is not None:
+                    end.callback(sink.write, last)
             end.callback(self.feed.close)  # first, so that no sink waits for an actor's picture
+            self._started = []
 
     def _snapshot(self, loop: Values, replay: Progress) -> Snapshot:
         for text in self.registry.take_notes():

@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 
+from common.errors import InputError
 from common.metrics import METRICS, Metric, Value, declare
 from common.press_latency import COUNTS, place_of
 from common.process.footprint import footprint
@@ -329,6 +330,10 @@ class Refusing(Last):
         super().__init__()
         self.refused = [*refused]
 
+    def start(self, resumed_at: int | None) -> None:
+        self._ask("start")
+        super().start(resumed_at)
+
     def write(self, snapshot: Snapshot) -> None:
         self._ask("write")
         super().write(snapshot)
@@ -357,16 +362,70 @@ def test_what_a_full_disk_refuses_is_written_by_the_next_try(tmp_path: Path) -> 
 def test_sinks_see_pictures_until_the_last_figures(tmp_path: Path) -> None:
     run = Run(tmp_path)
     assert run.last.feed is run.telemetry.feed
+    run.telemetry.start()
     run.telemetry.close(LOOP, run.replay)
-    told, last = run.last.told
+    _, told, last = run.last.told
     assert (told, type(last)) == ("no more pictures", Snapshot)
 
 
 def test_every_sink_is_closed_whatever_another_one_meets(tmp_path: Path) -> None:
     first, second, third = Refusing("write"), Refusing("close"), Refusing()
     run = Run(tmp_path, sinks=(first, second, third))
-    with pytest.raises(OSError, match="No space"):
+    run.telemetry.start()
+    with run.telemetry, pytest.raises(OSError, match="No space"):
         run.telemetry.close(LOOP, run.replay)
-    assert [len(each.told) for each in (first, second, third)] == [1, 1, 2]
-    assert first.told == ["closed"]
-    assert third.told[-1] == "closed"
+    assert [len(each.told) for each in (first, second, third)] == [2, 2, 3]
+    assert first.told[1:] == third.told[2:] == ["closed"]
+
+
+def test_sinks_are_closed_in_their_order_each_after_its_last_figures(tmp_path: Path) -> None:
+    """Films before the sinks that receive them."""
+    happened: list[tuple[str, str]] = []
+
+    def sink(name: str) -> Any:
+        return SimpleNamespace(
+            period=1.0,
+            watch=lambda feed: None,
+            start=lambda resumed_at: None,
+            write=lambda snapshot: happened.append((name, "written")),
+            close=lambda: happened.append((name, "closed")),
+        )
+
+    run = Run(tmp_path, sinks=(sink("films"), sink("curves")))
+    run.telemetry.start()
+    run.telemetry.close(LOOP, run.replay)
+    whole = [("films", "written"), ("films", "closed"), ("curves", "written"), ("curves", "closed")]
+    assert happened == whole
+
+
+def test_every_sink_is_closed_where_the_last_figures_cannot_be_had(tmp_path: Path) -> None:
+    def broken() -> Any:
+        raise RuntimeError("CUDA error")
+
+    sink = Refusing()
+    run = Run(tmp_path, sinks=(sink,), gpu=broken)
+    run.telemetry.start()
+    with pytest.raises(RuntimeError, match="CUDA error"):
+        run.telemetry.close(LOOP, run.replay)
+    assert sink.told == [("start", None), "closed"]
+    assert run.last.told[-1] == "no more pictures"
+
+
+def test_a_start_that_fails_closes_what_it_has_opened(tmp_path: Path) -> None:
+    opened, refused, never = Refusing(), Refusing("start"), Refusing()
+    run = Run(tmp_path, sinks=(opened, refused, never))
+    with pytest.raises(OSError, match="No space"):
+        run.telemetry.start()
+    assert (opened.told, refused.told, never.told) == ([("start", None), "closed"], [], [])
+    assert run.last.told[-1] == "no more pictures"
+
+
+def test_what_is_open_after_a_start_is_closed_once_at_the_end_of_the_block(tmp_path: Path) -> None:
+    sink = Refusing()
+    run = Run(tmp_path, sinks=(sink,))
+    run.telemetry.start()
+    with pytest.raises(InputError), run.telemetry:
+        raise InputError("the replay has lost steps.")
+    with run.telemetry:
+        pass
+    assert sink.told == [("start", None), "closed"]
