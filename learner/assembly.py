@@ -56,7 +56,7 @@ def build_learner(
     sign: Sign,
     page: str | None = None,
 ) -> Learner:
-    """Returns the learner of the run in ``folder``, not yet started.
+    """Returns the learner of the run in ``folder``, not yet started. Its telemetry is open.
 
     Args:
         more_sinks: sinks that take the run's figures beside the usual ones.
@@ -128,14 +128,13 @@ def build_learner(
         clock=clock,
         stop=stop,
     )
-    if state is None:
-        telemetry.start()
-    else:
+    rows, resumed_at = 0, None
+    if state is not None:
         with checkpoint.restoring():
             learner.restore(state)
-            rows = int(state["rows"])
-        telemetry.start(rows, phases.agent_steps)
+            rows, resumed_at = int(state["rows"]), phases.agent_steps
     serve_evaluators(transport, keys, evaluation, sign)
+    telemetry.start(rows, resumed_at)  # at last: what it opens, only the learner's user closes
     return learner
 
 

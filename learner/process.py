@@ -81,20 +81,21 @@ def train(options: LearnerOptions, again: bool) -> int:
             sign=sign,
             page=page,
         )
-        if page is not None:
-            display.line(f"watch the run at {page}")
-        sent = None
-        if demonstrations is not None:
-            keys = RunKeys(folder.name, replay.run_id)
-            if sent := demonstrations.insert(transport, keys, stop, display.line):
-                write_atomically(folder.demonstrations, sent.encode())
-        # A run that was stopped while it sent them begins when it is resumed, with all of them.
-        if demonstrations is None or sent is not None:
-            learner.start()
-            disk = replay.progress(MAX_COUNT).file_bytes
-            display.line(_first_words(options, folder, device, disk, endpoint))
-            local = options.local and not stop.is_set()
-            learner.run(launch(options, from_here(endpoint), folder) if local else None)
+        with learner.telemetry:
+            if page is not None:
+                display.line(f"watch the run at {page}")
+            sent = None
+            if demonstrations is not None:
+                keys = RunKeys(folder.name, replay.run_id)
+                if sent := demonstrations.insert(transport, keys, stop, display.line):
+                    write_atomically(folder.demonstrations, sent.encode())
+            # A run that was stopped while it sent them begins when it is resumed, with all of them.
+            if demonstrations is None or sent is not None:
+                learner.start()
+                disk = replay.progress(MAX_COUNT).file_bytes
+                display.line(_first_words(options, folder, device, disk, endpoint))
+                local = options.local and not stop.is_set()
+                learner.run(launch(options, from_here(endpoint), folder) if local else None)
     return _last_words(learner, folder)
 
 

@@ -87,4 +87,5 @@ def test_a_learner_that_is_stopped_while_it_sends_demonstrations_publishes_no_we
         monkeypatch.setattr(process, name, found)
     assert process.train(options, again=False) == 0
     assert learner.start.called == learner.run.called != stopped
+    assert learner.telemetry.__exit__.called
     assert folder.demonstrations.read_bytes() == (b"begun" if stopped else b"complete")

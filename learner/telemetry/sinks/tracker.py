@@ -183,6 +183,9 @@ class TrackerSink(CurvesSink):
         self._thread = threading.Thread(
             target=self._work, args=(begin, run), name=f"track {name}", daemon=True
         )
+
+    def start(self, resumed_at: int | None) -> None:
+        """Begins the run at the tracker, or continues it."""
         self._thread.start()
 
     def add(self, points: Values, agent_steps: int) -> None:

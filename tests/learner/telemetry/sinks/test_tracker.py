@@ -45,6 +45,7 @@ def tracked_twice(
     for steps, score in ((1_000, -20.5), (2_000, 18.0)):
         restart(steps)
         sink = TrackerSink(name, RUN)
+        sink.start(None)
         sink.add({"play/test_reward": score, "learning/loss": None}, steps)
         if steps == 2_000:
             sink.add_histograms({"hands/press_ms": SPREAD}, steps)
@@ -181,6 +182,8 @@ def test_a_tracker_of_another_package_gets_the_run_in_its_own_thread() -> None:
 
     with added(module.TRACKERS, module.TrackerKind("diary", begin)):
         sink = TrackerSink("diary", RUN)
+        assert begun == []
+        sink.start(None)
         sink.add({"play/test_reward": 1.0}, 1_000)
         sink.close()
     assert begun == [RUN]
@@ -226,7 +229,9 @@ def begin(
     monkeypatch.setitem(sys.modules, "wandb", ModuleType("wandb"))
     kind = module.TrackerKind("wandb", program.begin, extra="wandb")
     monkeypatch.setitem(module.TRACKERS._entries, "wandb", kind)
-    return TrackerSink("wandb", RUN, now)
+    sink = TrackerSink("wandb", RUN, now)
+    sink.start(None)
+    return sink
 
 
 def test_a_snapshot_has_a_point_and_now_and_then_its_histograms(
