@@ -55,7 +55,7 @@ class Phases:
     # ------------------------------------------------------------------ counting
 
     def count(self, chunk: ChunkStatistics) -> bool:
-        """Counts the next chunk; returns whether the phase is now complete, so that `close` is due.
+        """Counts the next chunk; returns whether the phase is now complete.
 
         A chunk belongs as a whole to the phase in which it arrives. Demonstrations never end a
         phase: if they are longer than the warm-up, they make it longer.
@@ -90,8 +90,8 @@ class Phases:
 
     # ------------------------------------------------------------------ what came of them
 
-    def close(self, stored: int, meanq: float | None) -> tuple[EpochRow, EpochTest]:
-        """Ends the present phase, complete or not, and begins the next one.
+    def result(self, stored: int, meanq: float | None) -> tuple[EpochRow, EpochTest]:
+        """Returns what came of the present phase, complete or not; `close` then ends it.
 
         Args:
             stored: steps in the replay.
@@ -100,7 +100,7 @@ class Phases:
         Returns:
             The phase's row, and the test of its snapshot, which only an epoch has.
         """
-        config, now = self._config, self._clock.seconds()
+        config = self._config
         test = EpochTest(
             epoch=self.epoch,
             weight_updates=self.updates,
@@ -113,16 +113,20 @@ class Phases:
             test,
             self._scores,
             self._began,
-            now,
+            self._clock.seconds(),
             phase="train" if self.epoch or config.exploration.start < 1 else "random",
             steps=self.phase_steps,
             last_exploration_rate=config.epsilon_at(self.agent_steps),
             meancost=float(self._loss) / max(self._phase_updates, 1),
         )
+        return row, test
+
+    def close(self, row: EpochRow) -> None:
+        """Ends the present phase at the time of its ``row``, which is written, and begins the next
+        one."""
         self.epoch += 1
         self.phase_steps = self._phase_updates = 0
-        self._scores, self._loss, self._began = [], 0.0, now
-        return row, test
+        self._scores, self._loss, self._began = [], 0.0, row.total_time
 
     def end_test(self, test: EpochTest) -> EpochRow:
         """Returns the row of a test that is over."""

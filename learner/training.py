@@ -273,12 +273,15 @@ class Learner:
         if self.phases.epoch == 0:
             self._insist(self.held_out.draw)
         self.held_out.measure()
-        row, test = self.phases.close(self._replay_progress.stored, self.held_out.mean)
-        self._insist(lambda: self.telemetry.add(row))
+        row, test = self.phases.result(self._replay_progress.stored, self.held_out.mean)
+        record = partial(self.telemetry.add, row)
         if row.epoch:
             self.losses.check_weights(self.phases.updates)
             weights = encode_weights(self.algorithm.published, self.config)
-            self._insist(lambda: self.evaluation.add(test, weights))
+            record = partial(self.evaluation.add, test, weights, record)
+        # The last checkpoint is written even if this fails. A resumed run then ends the phase anew.
+        self._insist(record)
+        self.phases.close(row)
         self._checkpoint()
         self._insist(self.evaluation.sweep)
 
@@ -289,6 +292,7 @@ class Learner:
             # is deleted. So an interruption never costs the best weights.
             self._insist(partial(self.evaluation.settle, test, best))
             self._insist(partial(self.telemetry.add, self.phases.end_test(test)))
+            self.evaluation.forget(test)
             self._checkpoint()
             self._insist(self.evaluation.sweep)
 

@@ -78,6 +78,8 @@ class EvaluationCoordinator:
         self._tests: dict[int, EpochTest] = {}
         self._shards: dict[str, _Shard] = {}
         self._finished: list[EpochTest] = []
+        self._taken: list[EpochTest] = []
+        """Finished tests that are taken, and not recorded yet."""
         self._unneeded: set[int] = set()
         """Epochs whose snapshots the next `sweep` deletes."""
         self._unread: set[int] = set()
@@ -91,9 +93,17 @@ class EvaluationCoordinator:
 
     # ------------------------------------------------------------------ for the training loop
 
-    def add(self, test: EpochTest, weights: bytes) -> None:
-        """Queues the test of ``weights``; without evaluators only the newest few tests wait."""
+    def add(
+        self, test: EpochTest, weights: bytes, record: Callable[[], object] = lambda: None
+    ) -> None:
+        """Queues the test of ``weights``; without evaluators only the newest few tests wait.
+
+        Args:
+            record: writes the row of the test's epoch. If this or the snapshot cannot be written,
+                there is neither row nor test.
+        """
         self.snapshots.write(test.epoch, weights)
+        record()
         test.checksum = crc32(weights)
         nobody = not self.evaluators()
         with self._lock:
@@ -123,7 +133,8 @@ class EvaluationCoordinator:
                 self._unneeded.discard(epoch)
 
     def take_finished(self) -> EpochTest | None:
-        """Returns a test that is over, each one once; None if there is none.
+        """Returns a test that is over, each one once; None if there is none. Call `forget` once
+        it is recorded.
 
         It also takes back the shards of lost evaluators.
         """
@@ -135,7 +146,10 @@ class EvaluationCoordinator:
                 hangs = now - shard.heard > MAX_SILENCE and len(present) > 1
                 if lost or hangs:
                     self._give_back(name)
-            return self._finished.pop(0) if self._finished else None
+            if not self._finished:
+                return None
+            self._taken.append(self._finished.pop(0))
+            return self._taken[-1]
 
     def settle(self, test: EpochTest, best_before: float | None) -> None:
         """Keeps the weights of a finished test if they are the best; `sweep` then deletes its
@@ -168,6 +182,11 @@ class EvaluationCoordinator:
         with self._lock:
             self._unneeded.add(test.epoch)
 
+    def forget(self, test: EpochTest) -> None:
+        """Drops a finished test from the next checkpoint, once its row is written."""
+        with self._lock:
+            self._taken.remove(test)
+
     def finish(self) -> None:
         """Tells evaluators without a job from now on that the run is over."""
         self._over = True
@@ -185,12 +204,12 @@ class EvaluationCoordinator:
             return sum(max(wanted - test.steps, 0) for test in self._tests.values())
 
     def state(self) -> list[dict[str, Any]]:
-        """Returns the tests whose result has not been taken yet, of JSON's types.
+        """Returns the tests whose result has not been recorded yet, of JSON's types.
 
         Their games are left out, because they are played again.
         """
         with self._lock:
-            tests = (*self._finished, *self._tests.values())
+            tests = (*self._taken, *self._finished, *self._tests.values())
             return [asdict(replace(test, scores=[])) for test in tests]
 
     def restore(self, state: list[dict[str, Any]]) -> list[int]:

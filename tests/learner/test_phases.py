@@ -52,7 +52,14 @@ def phases(seconds: float = 0.0) -> Phases:
 
 def count(counted: Phases, chunks: list[ChunkStatistics]) -> list[EpochRow]:
     """The rows of the phases that are complete."""
-    return [counted.close(stored=0, meanq=None)[0] for chunk in chunks if counted.count(chunk)]
+    return [ended(counted) for chunk in chunks if counted.count(chunk)]
+
+
+def ended(counted: Phases) -> EpochRow:
+    """The row of the present phase, after which the next one begins."""
+    row, _ = counted.result(stored=0, meanq=None)
+    counted.close(row)
+    return row
 
 
 def test_warm_up_then_epochs() -> None:
@@ -123,7 +130,7 @@ def test_it_goes_on_from_its_state() -> None:
 def test_an_end_that_is_asked_for_starts_the_next_phase() -> None:
     counted = phases()
     count(counted, _chunks(3))
-    row, _ = counted.close(stored=0, meanq=None)
+    row = ended(counted)
     assert (row.epoch, row.steps) == (1, 50)
     (following,) = count(counted, _chunks(5, first=3))
     assert (following.epoch, following.steps) == (2, 200)
@@ -147,7 +154,7 @@ def test_the_rows_of_a_phase_and_of_its_snapshots_test() -> None:
         counted.add(torch.tensor(loss))
     count(counted, _chunks(5))
     assert counted.count(_chunks(1, first=5)[0])
-    row, test = counted.close(stored=290, meanq=0.75)
+    row, test = counted.result(stored=290, meanq=0.75)
     assert (row.epoch, row.phase, row.steps, row.nr_games) == (1, "train", 200, 4)
     assert (row.total_train_steps, row.replay_memory_count, row.meanq) == (200, 290, 0.75)
     assert (row.weight_updates, row.meancost) == (2, 0.0)  # both were in the warm-up

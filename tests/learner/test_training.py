@@ -197,7 +197,8 @@ class World:
 
     # ---------------------------------------------------------------- evaluation
 
-    def add(self, test: Any, weights: bytes) -> None:
+    def add(self, test: Any, weights: bytes, record: Callable[[], object]) -> None:
+        record()
         self.log.append(("test", test.epoch, weights))
         self.pending.append(test)
         self.added = self.now
@@ -270,6 +271,7 @@ class World:
                 take_finished=self.take_finished,
                 state=lambda: [test.epoch for test in self.pending],
                 restore=self.restore_tests,
+                forget=lambda test: self.log.append(("forget", test.epoch)),
                 settle=lambda test, best: self.log.append(("settle", test.epoch, best)),
                 sweep=lambda: self.log.append("sweep"),
                 finish=lambda: self.log.append("evaluators may leave"),
@@ -471,7 +473,8 @@ def test_tests_are_recorded_and_settled_against_the_best_before() -> None:
     assert settled == [("settle", 1, None), ("settle", 2, -3.0), ("settle", 3, 7.0)]
     for each in settled:  # the best is kept, then forgotten by a checkpoint, then snapshots go
         at = world.log.index(each)
-        assert (world.log[at + 1][0], world.log[at + 2]) == ("checkpoint", "sweep")
+        assert world.log[at + 1] == ("forget", each[1])
+        assert (world.log[at + 2][0], world.log[at + 3]) == ("checkpoint", "sweep")
 
 
 def test_a_full_disk_pauses_training_and_nothing_is_lost() -> None:
@@ -530,6 +533,39 @@ def test_a_disk_that_fills_under_a_write_is_waited_for(part: str, write: str) ->
     assert tests == [-3.0, 7.0, 5.0]
     assert "WARNING: FILE cannot be written (No space left on device)" in " ".join(world.said)
     assert world.said.count("The disk can be written again: training continues.") == 1
+
+
+@pytest.mark.parametrize("phase", ["random", "train", "test"])
+def test_a_row_that_cannot_be_written_is_made_by_the_resumed_run(phase: str) -> None:
+    first = World(update_seconds=1.0)
+    learner = first.learner()
+    learner.start()
+
+    def add(row: Any) -> None:
+        if row.phase == phase:
+            raise OSError(errno.EIO, "Input/output error")
+        first.rows.append(row)
+
+    learner.telemetry.add = add  # type: ignore[method-assign]
+    with pytest.raises(OSError, match="Input/output"):
+        learner.run()
+    last = first.checkpoints[-1]
+    assert last["updates"] == first.updates
+    assert last["rows"] == len(first.rows)
+    assert ("forget", 1) not in first.log
+    if phase == "test":
+        return  # the coordinator's own tests say that it is in the checkpoint
+
+    second = World(update_seconds=1.0, chunks=first.chunks)
+    second.rows += first.rows
+    second.first = last["books"]["facts_seen"]
+    learner = second.learner()
+    learner.restore(last)
+    learner.start()
+    second.stops_at(10)
+    learner.run()
+    made = [(row.epoch, row.steps) for row in second.rows if row.phase != "test"]
+    assert made == ([(0, 104)] if phase == "random" else [(0, 100), (1, 204)])  # one chunk more
 
 
 @pytest.mark.parametrize("sampler", ["uniform", "prioritised"])

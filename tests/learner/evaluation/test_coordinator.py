@@ -546,7 +546,7 @@ def test_a_snapshot_that_a_killed_learner_left_without_a_test_goes(
     assert after.ask("e").epoch == 4
 
 
-def test_a_finished_test_that_was_not_taken_is_in_the_state(tmp_path: Path) -> None:
+def test_a_finished_test_that_was_not_recorded_is_in_the_state(tmp_path: Path) -> None:
     tests = Place(tmp_path, "e")
     for epoch in (1, 2, 3):
         tests.coordinator.add(epoch_test(epoch), b"w")
@@ -558,4 +558,18 @@ def test_a_finished_test_that_was_not_taken_is_in_the_state(tmp_path: Path) -> N
         done = tests.coordinator.take_finished()
         assert done is not None
         assert done.epoch == left[0]
+        assert [test["epoch"] for test in tests.coordinator.state()] == left
+        tests.coordinator.forget(done)
     assert [test["epoch"] for test in tests.coordinator.state()] == [3]
+
+
+def test_an_epoch_whose_row_cannot_be_written_has_no_test(tmp_path: Path) -> None:
+    """Otherwise a resumed run, which ends the epoch anew, would test it twice."""
+
+    def refuse() -> None:
+        raise OSError(errno.EIO, "Input/output error")
+
+    coordinator = Place(tmp_path).coordinator
+    with pytest.raises(OSError, match="Input/output"):
+        coordinator.add(epoch_test(1), b"w", refuse)
+    assert (coordinator.pending, coordinator.state()) == (0, [])

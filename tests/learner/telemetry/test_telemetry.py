@@ -109,7 +109,7 @@ class Run:
         seen = self.phases.chunks_seen
         for index in range(seen, seen + chunks):
             if self.phases.count(chunk(index)):
-                self.phases.close(stored=0, meanq=None)
+                self.phases.close(self.phases.result(stored=0, meanq=None)[0])
 
     def values(self, **loop: Value) -> Any:
         """The figures after one second more."""
