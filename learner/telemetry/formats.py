@@ -188,10 +188,14 @@ def troubles(values: Values) -> str:
 
 def _brief(number: int) -> str:
     """Returns a number in at most four characters: at 80 columns there is no room for more."""
-    for unit, name in ((1_000_000, "M"), (1_000, "k")):
-        if number >= unit:
-            return f"{number / unit:.{1 if number < 10 * unit else 0}f}{name}"
-    return str(number)
+    if number < 1_000:
+        return str(number)
+    brief = float(number)
+    for name in "kMG":
+        brief /= 1_000
+        if brief < 999.5:  # or it would be rounded to 1000
+            break
+    return f"{brief:.{1 if brief < 9.95 else 0}f}{name}"
 
 
 def one_line(text: str) -> str:

@@ -39,6 +39,26 @@ def test_figures_for_people(text: str, expected: str) -> None:
     assert text == expected
 
 
+@pytest.mark.parametrize(
+    ("number", "expected"),
+    [
+        (999, "999"),
+        (1_000, "1.0k"),
+        (9_949, "9.9k"),
+        (9_999, "10k"),
+        (12_345, "12k"),
+        (999_499, "999k"),
+        (999_500, "1.0M"),
+        (9_960_000, "10M"),
+        (999_499_999, "999M"),
+        (10**9, "1.0G"),
+        (998 * 10**9, "998G"),
+    ],
+)
+def test_troubles_have_at_most_four_characters(number: int, expected: str) -> None:
+    assert formats.troubles({"actors/missed_deadlines": number}) == f", {expected} late"
+
+
 def test_chart_by_hand() -> None:
     assert formats.bars([0.0, 0.5, 1.0], 0.0, 1.0, 1) == ["▁▅█"]  # 1, 1 + 3.5, 8 eighths
     assert formats.bars([0.0, 1.0], 0.0, 1.0, 2) == [" █", "▁█"]
