@@ -46,11 +46,13 @@ class LiveFeed:
 
     def latest(self, asked: Asked) -> LiveView | None:
         """Returns the answer to the last request, and asks again, without waiting; None if there is
-        no answer yet."""
+        no answer yet, or the request failed."""
         with self._lock:
             _, view = self._kept.get(asked, (0.0, None))
         self._begin(asked)
-        return view.result() if view is not None and view.done() else None
+        if view is None or not view.done() or view.exception() is not None:
+            return None
+        return view.result()
 
     def close(self) -> None:
         """Stops asking; requests under way end within seconds."""

@@ -10,6 +10,7 @@ import threading
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -225,6 +226,19 @@ def test_many_who_watch_cost_an_actor_no_more_than_one(hub: Transport, client: T
     wait_until(lambda: len(asked) == 2, "the actor is asked again")
     feed.close()
     assert feed.look(look) is None
+
+
+def test_a_request_that_fails_ends_nobody_who_does_not_wait_for_it() -> None:
+    def fail(*given: Any) -> Any:
+        raise OSError("the transport is closed")
+
+    hours = itertools.count(0.0, 3_600.0)
+    feed = LiveFeed(SimpleNamespace(gather=fail), KEYS, lambda: next(hours))  # type: ignore[arg-type]
+    look = Asked("actor", "a", ViewRequest())
+    with pytest.raises(OSError, match="the transport is closed"):
+        feed.look(look)
+    assert feed.latest(look) is None
+    feed.close()
 
 
 def test_who_is_watched_is_not_forgotten_for_others(hub: Transport, client: Transport) -> None:
