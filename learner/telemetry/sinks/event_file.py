@@ -48,6 +48,8 @@ class EventFile:
             del self._pending[: os.write(self._file, self._pending)]
 
     def close(self) -> None:
-        """Writes all that was added, and closes the file."""
-        self.flush()
-        os.close(self._file)
+        """Writes all that was added, and closes the file even if the disk refuses it."""
+        try:
+            self.flush()
+        finally:
+            os.close(self._file)

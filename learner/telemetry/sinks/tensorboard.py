@@ -6,6 +6,7 @@ PyTorch's own writer takes seconds to import, and offers nothing more that is ne
 import io
 import time
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from itertools import islice
 from pathlib import Path
 
@@ -21,6 +22,7 @@ from tensorboard.plugins.hparams.summary_v2 import hparams_pb
 
 from common.metrics import METRICS, Value, Values
 from common.protocol.live_view import ViewRequest, size_of
+from common.run.epochs import EpochRow
 from common.schedule import Every, Now
 from learner.telemetry.live_feed import Asked, LiveFeed
 from learner.telemetry.sinks.curves import FILM, CurvesSink, tags_of
@@ -84,6 +86,11 @@ class TensorBoardSink(CurvesSink):
         super().write(snapshot)
         self._add_picture(snapshot, int(snapshot.values.get("run/agent_steps") or 0))
         self._file.flush()
+
+    def phase(self, row: EpochRow, agent_steps: int) -> None:
+        super().phase(row, agent_steps)
+        with suppress(OSError):  # the next `write` tries again
+            self._file.flush()  # before a checkpoint counts the row, which is not told again
 
     def filmed(self, file: Path, agent_steps: int) -> None:
         # TensorBoard shows a GIF among its images.

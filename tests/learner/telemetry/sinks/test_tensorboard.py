@@ -1,6 +1,7 @@
 """Curves, read back with TensorBoard's own reader."""
 
 import io
+import os
 import subprocess
 import sys
 from dataclasses import replace
@@ -114,6 +115,50 @@ def test_what_a_full_disk_refused_follows_whole(
     curves.write(changed(STATUS, {"run/agent_steps": 2_000, "learning/loss": 0.125}))
     curves.close()
     assert read(tmp_path)["learning/loss"] == [(1_000, 0.25), (2_000, 0.125)]
+
+
+def test_after_a_full_disk_no_point_is_written_twice(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The telemetry repeats a write that failed."""
+    curves = started(tmp_path)
+    with monkeypatch.context() as patched:
+        let_the_disk_take(patched, 3)
+        for _ in range(3):
+            with pytest.raises(OSError, match="No space"):
+                curves.write(STATUS)
+    curves.write(changed(STATUS, {"run/agent_steps": 2_000}))
+    curves.close()
+    assert read(tmp_path)["learning/loss"] == [(1_000, 0.25), (2_000, 0.25)]
+
+
+def test_the_figures_of_a_phase_are_in_the_file_at_once_unless_the_disk_is_full(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As after kill -9: nobody closes the file."""
+    curves = started(tmp_path)
+    curves.phase(ROW, 25_500)
+    assert read(tmp_path)["play/epoch_test_reward"] == [(25_500, -20.5)]
+    with monkeypatch.context() as patched:
+        let_the_disk_take(patched, 3)
+        curves.phase(ROW, 26_000)
+    curves.write(STATUS)
+    assert read(tmp_path)["play/epoch_test_reward"] == [(25_500, -20.5), (26_000, -20.5)]
+    curves.close()
+
+
+def test_the_file_is_closed_on_a_full_disk_too(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    curves = started(tmp_path)
+    curves.add({"learning/loss": 0.5}, 1_000)
+    file = curves._file._file
+    with monkeypatch.context() as patched:
+        let_the_disk_take(patched)
+        with pytest.raises(OSError, match="No space"):
+            curves.close()
+    with pytest.raises(OSError, match="Bad file descriptor"):
+        os.fstat(file)
 
 
 def test_the_unknown_has_no_point(tmp_path: Path) -> None:
