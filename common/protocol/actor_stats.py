@@ -41,6 +41,7 @@ class ActorStats(Message):
     """Whether this is the last message of the process."""
     steps: Count = counter("actors/steps", "steps", "Agent steps of actors and evaluators")
     steps_per_second: Amount = 0.0
+    """Agent steps per second of the last ten seconds, as are all its rates."""
     epsilon: Amount = 0.0
     weights_version: Count = 0
     made: Count = counter(
@@ -53,7 +54,7 @@ class ActorStats(Message):
         label="retried", panel=("Stream", 5), curve=True, summary="chunks.retried")
     refused: Count = counter("actors/refused", "chunks", "Chunks that actors know were refused")
     held_share: Amount = 0.0
-    """Share of the last second for which it paused because the learner was behind."""
+    """Share of time for which it paused because the learner was behind."""
     valid: Count = counter("actors/valid", "steps", "Steps whose frame showed the screen")
     matched: Count = counter("actors/matched", "steps", "Steps that ended with the commanded keys")
     decisions: Count = counter("actors/elapsed", "steps", "Agent steps of game time that passed")

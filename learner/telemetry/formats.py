@@ -188,14 +188,11 @@ def troubles(values: Values) -> str:
 
 def _brief(number: int) -> str:
     """Returns a number in at most four characters: at 80 columns there is no room for more."""
-    if number < 1_000:
-        return str(number)
-    brief = float(number)
-    for name in "kMG":
-        brief /= 1_000
-        if brief < 999.5:  # or it would be rounded to 1000
-            break
-    return f"{brief:.{1 if brief < 9.95 else 0}f}{name}"
+    for unit, name in ((10**9, "G"), (10**6, "M"), (10**3, "k")):
+        if number >= 0.9995 * unit:  # 999,500 is 1.0M, not 1000k
+            brief = number / unit
+            return f"{brief:.{1 if brief < 9.95 else 0}f}{name}"
+    return str(number)
 
 
 def one_line(text: str) -> str:

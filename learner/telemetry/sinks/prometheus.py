@@ -25,7 +25,7 @@ PER_ACTOR: tuple[Metric, ...] = (
     Metric("actor/epsilon", "ratio", ".3", "Share of random actions"),
     Metric("actor/weights_version", "updates", "count", "Updates that made its weights"),
     Metric("actor/held_share", "ratio", ".3",
-           "Share of the last second it paused because the learner was behind"),
+           "Share of the last ten seconds it paused because the learner was behind"),
     *(replace(METRICS[total], key=f"actor/{name}") for name, total in TOTALS.items()),
 )
 # fmt: on

@@ -94,10 +94,10 @@ function check({name, passed, value, bound, why}) {
 const COLUMNS = {
   name: ["name", "Name of the process"], role: ["role", "It trains, or tests each epoch"],
   machine: ["machine", "Host on which it runs"], age: ["age", "Time since its start"],
-  steps: ["steps", "Steps that it played"], rate: ["steps/s", "Steps in the last second"],
+  steps: ["steps", "Steps that it played"], rate: ["steps/s", "Steps per second in the last ten"],
   epsilon: ["ε", "Share of random actions"],
   weights: ["updates behind", "Updates between its weights and the newest published"],
-  held: ["held", "Share of the last second in which it waited for the learner"],
+  held: ["held", "Share of the last ten seconds in which it waited for the learner"],
   cores: ["CPU", "Cores that it keeps busy"], memory: ["memory", "Without file pages"],
   silent: ["silent", "Time since it was last heard"], trouble: ["", "What went wrong with time"],
 };
