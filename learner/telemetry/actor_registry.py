@@ -190,23 +190,20 @@ class ActorRegistry:
         """
         ranked = []
         for incarnation, process in self._processes.items():
-            key = process.stats.role, process.stats.name
-            known = self._names.get(key, _Name())
+            known = self._names.get((process.stats.role, process.stats.name), _Name())
             by_name = known.newest in (-1, incarnation)
             gone = now - process.heard > _SETTLED and not (by_name and known.alive)
-            ranked.append((not gone, by_name, process.heard, incarnation, key))
+            ranked.append((not gone, by_name, process.heard, incarnation))
         ranked.sort()
         gone_ones = sum(not stays for stays, *_ in ranked)
         replaced_ones = sum(not stays and not by_name for stays, by_name, *_ in ranked)
         many = max(replaced_ones, gone_ones - _MAX_GONE, len(ranked) - _MAX_KNOWN)
-        for _, by_name, _, incarnation, key in ranked[:many]:
+        for *_, incarnation in ranked[:many]:
             process = self._processes.pop(incarnation)
             self._gone = _total((self._gone, process.totals))
             self._gone_excess += process.excess
             awaited = process.made - process.stats.refused - process.accepted
             self._folded[incarnation] = _Folded(process.stats.leaving, max(awaited, 0))
-            if by_name:
-                self._names.pop(key, None)
         self._names = {
             name: known
             for name, known in self._names.items()
