@@ -123,3 +123,12 @@ def test_the_same_is_logged_once_in_a_while(monkeypatch: pytest.MonkeyPatch) -> 
     assert passes("a", "1", logging.ERROR)
     now[0] = 10.0
     assert passes("a", "2")
+
+
+def test_what_was_said_is_remembered_of_a_bounded_number_of_subjects() -> None:
+    """Strangers choose their names."""
+    seldom = Seldom()
+    for number in range(3 * log_lines._MAX_SUBJECTS):
+        record = logging.LogRecord("x", logging.WARNING, "", 0, "%s", (f"a{number}",), None)
+        assert seldom.filter(record)
+        assert len(seldom._said) <= log_lines._MAX_SUBJECTS

@@ -178,6 +178,26 @@ def test_a_snapshot_that_cannot_be_read_for_a_while_is_tested_later(
     assert [coordinator.take_finished() is not None for _ in range(3)] == [True, True, False]
 
 
+def test_an_epoch_that_was_unreadable_once_has_its_turn_and_a_second_failure_is_told(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tests = Place(tmp_path, "e")
+    tests.coordinator.add(epoch_test(1), b"weights")
+
+    def refuse(path: Path) -> bytes:
+        raise OSError(errno.EIO, "Input/output error")
+
+    for times in (1, 2):
+        with monkeypatch.context() as patched:
+            patched.setattr(snapshots, "read_file", refuse)
+            for _ in range(2):
+                assert tests.ask("e").kind == "wait"
+        assert len(caplog.messages) == times
+        assert tests.ask("e").epoch == 1
+    tests.coordinator.add(epoch_test(2), b"others")
+    assert tests.ask("e").epoch == 1, "it is the oldest"
+
+
 def test_damaged_weights_are_not_kept_as_the_best(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
