@@ -233,7 +233,7 @@ def test_a_request_that_fails_ends_nobody_who_does_not_wait_for_it() -> None:
         raise OSError("the transport is closed")
 
     hours = itertools.count(0.0, 3_600.0)
-    feed = LiveFeed(SimpleNamespace(gather=fail), KEYS, lambda: next(hours))  # type: ignore[arg-type]
+    feed = LiveFeed(SimpleNamespace(gather=fail), KEYS, lambda: next(hours))
     look = Asked("actor", "a", ViewRequest())
     with pytest.raises(OSError, match="the transport is closed"):
         feed.look(look)
