@@ -44,7 +44,7 @@ class Child(subprocess.Popen[str]):
         leash: whether it holds the reading end of a pipe and ends when that closes, so that it
             does not outlive this process, however this one ends (`leave_with_parent`).
         low_priority: whether it runs at a lower priority than this process.
-        log: file to which its output is appended.
+        log: file to which its output is appended; its folder is made if it is missing.
         streams: stdin, stdout and stderr as for `subprocess.Popen`; by default there is no input.
             A thread reads a piped standard error, so that a child that writes much is not blocked.
     """
@@ -63,6 +63,7 @@ class Child(subprocess.Popen[str]):
         streams.setdefault("stdin", subprocess.PIPE if leash else subprocess.DEVNULL)
         with contextlib.ExitStack() as stack:
             if log is not None:
+                log.parent.mkdir(parents=True, exist_ok=True)
                 file = stack.enter_context(log.open("ab"))
                 streams = {"stdout": file, "stderr": subprocess.STDOUT, **streams}
             super().__init__(
@@ -93,10 +94,12 @@ class Child(subprocess.Popen[str]):
     def last_line(self) -> str:
         """Returns the last line that an ended child wrote to its log or its piped standard error.
 
-        An error's prefix and full stop are removed, so that the line fits into a sentence.
+        An error's prefix and full stop are removed, so that the line fits into a sentence. A log
+        that cannot be read counts as empty.
         """
+        said = ""
         if self.log is not None:
-            with self.log.open("rb") as log:
+            with contextlib.suppress(OSError), self.log.open("rb") as log:
                 log.seek(max(log.seek(0, os.SEEK_END) - _TAIL, 0))
                 said = log.read().decode(errors="replace")
         else:
@@ -145,7 +148,7 @@ class Supervisor:
         self._started = dict.fromkeys(self.plans, self.now())
         self._early_ends = dict.fromkeys(self.plans, 0)
         self._restarts = dict.fromkeys(self.plans, 0)
-        """Number of restarts of each child in a row."""
+        """Number of restarts of each child in a row, failed ones included."""
         self._due: dict[str, float] = {}
         """Time at which each child that waits is restarted."""
         self._leaving = False
@@ -153,9 +156,10 @@ class Supervisor:
     def watch(self, *, finished: Callable[[], bool]) -> list[str]:
         """Restarts children that have ended and paused; returns what happened, as sentences.
 
-        The first restart is immediate; later ones come 1, 2, 4 … 60 s after the end. This method
-        never waits: a restart happens at the first call after its pause. Raises InputError if a
-        child cannot start at all: with its own sentence if it cannot do what was asked.
+        The first restart is immediate; later ones come 1, 2, 4 … 60 s after the end, or after a
+        restart that the system refused. This method never waits: a restart happens at the first
+        call after its pause. Raises InputError if a child cannot start at all: with its own
+        sentence if it cannot do what was asked.
 
         Args:
             finished: tells whether the work is finished, so that children end by themselves; it is
@@ -169,8 +173,7 @@ class Supervisor:
                 continue
             if name in self._due:
                 if now >= self._due[name]:
-                    self._start(name, now)
-                    notes.append(f"{name} started again")
+                    notes.append(f"{name} {self._start(name, now)}")
                 continue
             if status is None or self._leaving:
                 continue
@@ -189,19 +192,26 @@ class Supervisor:
                 how += f" ({said})"
             if worked > SETTLED:
                 self._restarts[name] = 0
-            if pause := growing_pause(self._restarts[name]):
-                self._due[name] = now + pause
-                notes.append(f"{name} ended by {how}, next try in {pause:.0f} s")
-            else:
-                self._start(name, now)
-                notes.append(f"{name} ended by {how}, started again")
-            self._restarts[name] += 1
+            notes.append(f"{name} ended by {how}, {self._start_or_pause(name, now)}")
         return notes
 
-    def _start(self, name: str, now: float) -> None:
+    def _start_or_pause(self, name: str, now: float) -> str:
+        """Starts a child, or has it started after a pause; returns which, in words."""
+        pause = growing_pause(self._restarts[name])
+        self._restarts[name] += 1
+        if not pause:
+            return self._start(name, now)
+        self._due[name] = now + pause
+        return f"next try in {pause:.0f} s"
+
+    def _start(self, name: str, now: float) -> str:
+        try:
+            self._children[name] = self.plans[name]()
+        except OSError as error:  # such as of a system that has no memory left at the moment
+            return f"cannot be started ({error.strerror}), {self._start_or_pause(name, now)}"
         self._due.pop(name, None)
-        self._children[name] = self.plans[name]()
         self._started[name] = now
+        return "started again"
 
     def works(self, role: str) -> bool:
         """Whether a child with a name such as ``role-1`` is at work, or about to be restarted."""

@@ -1,6 +1,7 @@
 """Children: what they are given, how they end, and when one is started again."""
 
 import os
+import shutil
 import subprocess
 import sys
 import time
@@ -195,6 +196,41 @@ def test_pauses_between_restarts_grow_until_a_child_has_settled(
     assert notes_of(children) == ["actor-1 ended by status 3, started again"]
     clock.now += worked
     assert notes_of(children) == ["actor-1 ended by status 3, next try in 1 s"]
+    children.close()
+
+
+def test_a_child_whose_log_has_gone_is_started_again_with_a_new_one(
+    program: Path, tmp_path: Path
+) -> None:
+    write(program, "print('no room'); raise SystemExit(3)")
+    log = tmp_path / "logs" / "actor-1.log"
+    children = Supervisor({"actor-1": partial(Child, "m", leash=True, log=log)})
+    children._children["actor-1"].wait(PATIENCE)
+    shutil.rmtree(log.parent)
+    assert notes_of(children) == ["actor-1 ended by status 3, started again"]
+    assert notes_of(children) == ["actor-1 ended by status 3 (no room), next try in 1 s"]
+    children.close()
+
+
+def test_a_start_that_the_system_refuses_is_tried_again_after_growing_pauses(
+    program: Path, tmp_path: Path
+) -> None:
+    clock = Clock()
+    children = started(program, tmp_path, "raise SystemExit(3)", clock)
+    children._children["actor-1"].wait(PATIENCE)
+    program.unlink()
+    refused = "cannot be started (No such file or directory), next try in"
+    assert notes_of(children) == [f"actor-1 ended by status 3, {refused} 1 s"]
+    for pause, following in ((1, 2), (2, 4)):
+        clock.now += pause - 0.1
+        assert children.watch(finished=lambda: False) == []
+        assert children.at_work() == {"actor-1"}
+        clock.now += 0.2
+        assert children.watch(finished=lambda: False) == [f"actor-1 {refused} {following} s"]
+    write(program, "raise SystemExit(3)")
+    clock.now += 4.0
+    assert children.watch(finished=lambda: False) == ["actor-1 started again"]
+    assert notes_of(children) == ["actor-1 ended by status 3, next try in 8 s"]
     children.close()
 
 
