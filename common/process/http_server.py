@@ -24,7 +24,7 @@ _MAX_CONNECTIONS = 64
 _SLOWEST = 5.0
 """Seconds after which a connection without a request is closed."""
 _SLOWEST_READER = 60.0
-"""Seconds after which a closed connection is cut off if its last answer has not been read."""
+"""Seconds after which a connection is cut off if nothing of its answer is read any more."""
 _FAREWELL = 5
 """Seconds that answers under way have when the server closes."""
 _WRONG_HOST = (
@@ -107,6 +107,10 @@ class _Connection(H11Protocol):
     """A connection that is closed when it is idle, because too many open files would end a run."""
 
     _last: RequestResponseCycle | None = None
+    _unread = 0
+    """Bytes of answers that waited for their reader at the last look."""
+    _stalled = 0
+    """Number of looks in a row at which as many waited as at the one before."""
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         super().connection_made(transport)
@@ -117,14 +121,16 @@ class _Connection(H11Protocol):
 
     def _look(self) -> None:
         """Closes the connection, unless there was a request since the last look, or one is being
-        answered."""
+        answered. Cuts it off, closed or not, if its reader has stalled."""
         last, self._last = self._last, self.cycle
         if self.cycle is last and (last is None or last.response_complete):
             self.transport.close()
-        if not self.transport.is_closing():
+        before, self._unread = self._unread, self.transport.get_write_buffer_size()
+        self._stalled = self._stalled + 1 if self._unread == before else 0
+        if self._unread and self._stalled >= _SLOWEST_READER / _SLOWEST:
+            self.transport.abort()
+        elif self._unread or not self.transport.is_closing():
             self.loop.call_later(_SLOWEST, self._look)
-        elif self.transport.get_write_buffer_size():
-            self.loop.call_later(_SLOWEST_READER, self.transport.abort)
 
 
 def _guarded(app: ASGIApp, host: str | None) -> ASGIApp:

@@ -1,12 +1,17 @@
 """Pages over HTTP: what they say, who is let in, and that nobody can hold up a run."""
 
 import contextlib
+import os
 import re
 import socket
 import threading
 from collections.abc import Callable, Iterator
+from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
+from starlette.responses import FileResponse
+from starlette.types import ASGIApp
 
 from benchmarks.child import free_endpoint
 from common.errors import InputError
@@ -123,17 +128,45 @@ def test_who_asks_a_byte_at_a_time_is_hung_up_on(monkeypatch: pytest.MonkeyPatch
         assert get(address, "/healthz") == (200, "ok\n")
 
 
-def test_who_does_not_read_its_answer_is_cut_off(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("streamed", [False, True])
+def test_who_does_not_read_its_answer_is_cut_off(
+    streamed: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(http_server, "_SLOWEST", 0.5)
     monkeypatch.setattr(http_server, "_SLOWEST_READER", 0.1)
-    large = {"/large": lambda: Page(bytes(2**26))}  # more than the system keeps for a reader
+    size = 2**26  # more than the system keeps for a reader
+    film = tmp_path / "film.mp4"
+    film.touch()
+    os.truncate(film, size)
     host, port = check_address(free_endpoint().removeprefix("tcp/"))
-    server = HttpServer(application(large), host, port, "--http")
+    app: ASGIApp = application({"/large": lambda: Page(bytes(size))})
+    server = HttpServer(FileResponse(film) if streamed else app, host, port, "--http")
     server.start()
     with contextlib.closing(server), socket.create_connection((host, port), PATIENCE) as slow:
         slow.sendall(b"GET /large HTTP/1.1\r\nHost: localhost\r\n\r\n")
         assert slow.recv(12) == b"HTTP/1.1 200"
         wait_until(lambda: not server._server.server_state.connections, "it is cut off")
+
+
+@pytest.mark.parametrize(
+    ("waiting", "cut_off"),
+    [
+        ([0, *[9] * 12], False),  # it took nothing for 55 s
+        ([0, *[9] * 13], True),
+        ([*range(99, 1, -1)], False),  # it is slow
+        ([*[9] * 12, 8, *[8] * 11], False),
+        ([0] * 99, False),  # the answer itself is slow
+    ],
+)
+def test_a_reader_has_a_minute_for_each_piece(waiting: list[int], cut_off: bool) -> None:
+    transport = Mock(is_closing=lambda: False)
+    connection = object.__new__(http_server._Connection)
+    connection.transport, connection.loop = transport, Mock()
+    connection.cycle = Mock(response_complete=False)
+    for size in waiting:
+        transport.get_write_buffer_size.return_value = size
+        connection._look()
+    assert transport.abort.called == cut_off
 
 
 ASKED = b"GET /healthz HTTP/1.1\r\nHost: localhost\r\n"
