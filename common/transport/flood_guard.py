@@ -93,7 +93,12 @@ class FloodGuard:
             for address, name in self._names.items():
                 more = received.get(address, 0) - self._received.get(address, 0)
                 self._ahead[name] += max(more, 0)  # a connection that has ended gives nothing back
-            self._received = received
+            # A reading may miss a connection, as where no more files may be open. Its former count
+            # is kept, or at the next look all that it ever sent would be new.
+            self._received = {
+                address: received.get(address, self._received.get(address, 0))
+                for address in self._names
+            }
             # Unary plus drops the names that are no longer ahead.
             self._ahead = +Counter({name: ahead - taken for name, ahead in self._ahead.items()})
             floods = {name for name, ahead in self._ahead.items() if ahead > self.most * _AHEAD}

@@ -135,6 +135,17 @@ def test_an_actors_connections_count_together(links: Links) -> None:
     assert links.send(3, 0, 0.0) == []
 
 
+def test_a_connection_that_one_reading_misses_counts_only_what_is_new(links: Links) -> None:
+    links.join("a", 1)
+    assert [links.send(1, 100) for _ in range(20)] == [[]] * 20
+    found = links.received.pop(("::1", 1))
+    links.join("b", 2)
+    assert links.send(2, 0) == []
+    links.received["::1", 1] = found
+    assert links.send(1, 200) == []
+    assert links.send(1, 301) == [1]
+
+
 def test_who_connects_anew_is_as_far_ahead_as_before(links: Links) -> None:
     links.join("a", 1)
     assert links.send(1, 200, 0.0) == []
