@@ -28,7 +28,8 @@ for _name in ("actors", "common", "deploy", "learner", "replay", "viewer"):
             f"{_file.parent} hides the package {_name} of ale-robot: run it in another folder."
         )
 
-if Path(sys.argv[0]).name == "ale-robot":  # the imports below come before its `main`
+_by_module = sys.orig_argv[1:3] == ["-m", "ale_robot"]
+if _by_module or Path(sys.argv[0]).name == "ale-robot":  # the imports below precede its `main`
     from common.process.lifeline import leave_at_interrupt
 
     leave_at_interrupt()

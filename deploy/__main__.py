@@ -9,6 +9,10 @@ if __name__ == "__main__":
         del sys.path[0]
         os.environ["PYTHONSAFEPATH"] = "1"  # for child processes
 
+    from common.process.lifeline import leave_at_interrupt
+
+    leave_at_interrupt()
+
 import sys
 from importlib import import_module
 

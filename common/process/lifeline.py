@@ -1,4 +1,8 @@
-"""Ends a process in order: at a signal, or when its parent has gone."""
+"""Ends a process in order: at a signal, or when its parent has gone.
+
+Programs import this module first. It loads no other module of the project at that time, because an
+interrupt before `leave_at_interrupt` prints a traceback.
+"""
 
 import os
 import select
@@ -6,10 +10,8 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
-
-from common.process.log_lines import line
 
 _TOGETHER = 1.0
 _STDERR = 2
@@ -42,6 +44,8 @@ def on_signals(stop: threading.Event) -> None:
     to the process and to its group. SIGHUP, from a terminal that closes, never ends the process at
     once, because nobody is there to be impatient. Under `nohup` it is ignored.
     """
+    from common.process.log_lines import line
+
     heeded = heeded_signals()
     told = signal_pipe(heeded)
 
@@ -58,13 +62,13 @@ def on_signals(stop: threading.Event) -> None:
                 first = now
                 stop.set()
             elif now - first > _TOGETHER and number != signal.SIGHUP:
-                _say_cut_short()
+                _say_cut_short(line)
                 os._exit(128 + number)
 
     threading.Thread(target=heed, name="signals", daemon=True).start()
 
 
-def _say_cut_short() -> None:
+def _say_cut_short(line: Callable[[str, str], str]) -> None:
     """Says that a second signal ends this process, and gives a terminal the cursor back that a
     screen has hidden. It takes no lock and does not wait for a reader, since other threads may
     hang."""

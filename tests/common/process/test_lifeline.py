@@ -308,7 +308,18 @@ def test_a_child_leaves_with_its_parent_during_its_imports_too(
     assert process.returncode == -signal.SIGTERM
 
 
-@pytest.mark.parametrize("program", ["actors", "learner", "replay", "viewer"])
+def test_what_programs_import_first_loads_nothing_else_of_the_project() -> None:
+    code = "import sys, common.process.lifeline; print(*sys.modules)"
+    loaded = subprocess.check_output([sys.executable, "-c", code], cwd=ROOT, text=True).split()
+    folders = {path.parent.name for path in ROOT.glob("*/__init__.py")}
+    ours = {name for name in loaded if name.split(".")[0] in folders}
+    assert ours == {"common", "common.process", "common.process.lifeline"}
+    assert "logging" not in loaded
+
+
+@pytest.mark.parametrize(
+    "program", ["actors", "ale_robot", "deploy", "learner", "replay", "viewer"]
+)
 def test_ctrl_c_during_the_imports_ends_a_program_quietly(program: str, tmp_path: Path) -> None:
     process = importing(tmp_path, program)
     process.send_signal(signal.SIGINT)
