@@ -7,6 +7,7 @@ addresses that begin with ``tls/``, every process shows a certificate, and may d
 needs.
 """
 
+import errno
 import json
 import logging
 import time
@@ -141,6 +142,12 @@ def open_hub(
     try:
         check_free(host, port)
     except OSError as error:
+        if error.errno == errno.EADDRNOTAVAIL:
+            everywhere = f"{endpoint.partition('/')[0]}/0.0.0.0:{port}"
+            raise InputError(
+                f"cannot listen at {endpoint}: {host} is not an address of this machine; choose "
+                f"one that is, or listen at all of them by --listen {everywhere}."
+            ) from None
         another = f"{endpoint.rpartition(':')[0]}:{port + (1 if port < 65_535 else -1)}"
         raise InputError(
             f"cannot listen at {endpoint} ({error.strerror}): another learner or replay may be "
