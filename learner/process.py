@@ -96,6 +96,8 @@ def train(options: LearnerOptions, again: bool) -> int:
                 display.line(_first_words(options, folder, device, disk, endpoint))
                 local = options.local and not stop.is_set()
                 learner.run(launch(options, from_here(endpoint), folder) if local else None)
+            if learner.failed is not None:
+                keep(f"stopped: {learner.failed}", "ERROR")
     return _last_words(learner, folder)
 
 

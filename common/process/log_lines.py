@@ -113,9 +113,10 @@ class _KeptFile(RotatingFileHandler):
 
 
 @contextmanager
-def kept_log(path: Path, role: str) -> Iterator[Callable[[str], None]]:
+def kept_log(path: Path, role: str) -> Iterator[Callable[..., None]]:
     """Appends all that is logged within the block to ``path``, as lines of JSON, and all texts
-    given to the function that it yields. If the disk is full, lines are lost and nothing else."""
+    given to the function that it yields, whose second argument is the level, "INFO" by default. If
+    the disk is full, lines are lost and nothing else."""
     root = logging.getLogger()
     # Python drops its last resort, the terminal, once there is another handler.
     terminal = None if root.handlers else logging.lastResort
@@ -127,8 +128,8 @@ def kept_log(path: Path, role: str) -> Iterator[Callable[[str], None]]:
     file.setFormatter(_Formatter(role))
     root.addHandler(file)
 
-    def keep(text: str) -> None:
-        file.handle(logging.makeLogRecord({"msg": text, "levelname": "INFO"}))
+    def keep(text: str, level: str = "INFO") -> None:
+        file.handle(logging.makeLogRecord({"msg": text, "levelname": level}))
 
     try:
         yield keep

@@ -1,5 +1,6 @@
 """The start of the process that trains."""
 
+import json
 from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
@@ -89,3 +90,27 @@ def test_a_learner_that_is_stopped_while_it_sends_demonstrations_publishes_no_we
     assert learner.start.called == learner.run.called != stopped
     assert learner.telemetry.__exit__.called
     assert folder.demonstrations.read_bytes() == (b"begun" if stopped else b"complete")
+
+
+def test_the_reason_for_which_a_run_ends_itself_is_in_its_log(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for unneeded in ("build_algorithm", "choose_device", "on_signals", "_first_words"):
+        monkeypatch.setattr(process, unneeded, Mock())
+    for name, opened in (
+        ("pages", ((), None)),
+        ("replay", (Mock(), Mock(), "")),
+        ("display", Mock()),
+    ):
+        monkeypatch.setattr(process, f"open_{name}", Mock(return_value=nullcontext(opened)))
+    folder = RunFolder(tmp_path, "r")
+    learner = MagicMock(failed="no agent step came in 10 minutes", done=False)
+    learner.start = folder.checkpoint.touch
+    monkeypatch.setattr(process, "build_learner", Mock(return_value=learner))
+    flags = ["--runs", str(tmp_path), "--run", "r", "--env", "ale", "--threads=1"]
+    options = parse_run(LearnerOptions, "learner", flags, stored_config)[0]
+    assert process.train(options, again=False) == 3
+    (kept,) = (folder.logs / "learner.jsonl").read_text().splitlines()
+    told = json.loads(kept)
+    assert told["level"] == "error"
+    assert told["message"] == "stopped: no agent step came in 10 minutes"
