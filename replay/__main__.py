@@ -23,7 +23,7 @@ import shlex
 import sys
 import threading
 from collections.abc import Callable
-from contextlib import closing
+from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from functools import partial
 
@@ -143,12 +143,14 @@ def _open(options: ReplayOptions, stop: threading.Event) -> Transport:
         name=options.run,
         certificates=options.certificates,
     )
-    served = {answer.key for answer in transport.gather(RunKeys("*").config, _DEADLINE)}
-    if RunKeys(options.run).config in served:
-        transport.close()
-        raise InputError(
-            f"the hub at {hub} serves a run called {options.run}: name another with --run."
-        )
+    with ExitStack() as undo:
+        undo.enter_context(transport)
+        served = {answer.key for answer in transport.gather(RunKeys("*").config, _DEADLINE)}
+        if RunKeys(options.run).config in served:
+            raise InputError(
+                f"the hub at {hub} serves a run called {options.run}: name another with --run."
+            )
+        undo.pop_all()
     if not served and options.certificates is not None:
         text = (
             "the hub at %s does not announce its own run: if nobody finds %s, check whether the "

@@ -12,6 +12,7 @@ import json
 import logging
 import time
 from collections.abc import Callable
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -168,12 +169,14 @@ def open_hub(
         session = zenoh.open(_config("router", settings))
     except zenoh.ZError as error:
         raise InputError(f"cannot listen at {endpoint}: {error}") from None
-    forget_the_silent(port, LEASE_MS)
-    transport = ZenohTransport(session, let_in)
-    transport.keep(FileGuard(port, files))
-    if let_in is not None:
-        guard = transport.keep(FloodGuard(port, let_in - by_name, most))
-        transport.watch_links(guard.hear)
+    with ExitStack() as undo:
+        transport = undo.enter_context(ZenohTransport(session, let_in))
+        forget_the_silent(port, LEASE_MS)
+        transport.keep(FileGuard(port, files))
+        if let_in is not None:
+            guard = transport.keep(FloodGuard(port, let_in - by_name, most))
+            transport.watch_links(guard.hear)
+        undo.pop_all()
     return transport
 
 

@@ -2,7 +2,7 @@
 
 import logging
 from collections.abc import Callable, Set
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, ExitStack
 from typing import TypeVar
 
 import zenoh
@@ -47,9 +47,13 @@ class ZenohTransport(AbstractContextManager["ZenohTransport"]):
         self.close()
 
     def close(self) -> None:
-        for declared in self._declared:
-            declared.close()
-        self._declared.clear()
+        with ExitStack() as end:  # callbacks run in reverse order, each even if another one fails
+            end.callback(self._close_session)
+            for declared in reversed(self._declared):
+                end.callback(declared.close)
+            self._declared.clear()
+
+    def _close_session(self) -> None:
         if not self.session.is_closed():
             try:
                 self.session.close()  # type: ignore[no-untyped-call]

@@ -8,6 +8,7 @@ import json
 import subprocess
 import threading
 from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
 from dataclasses import asdict, replace
 from queue import Empty, Queue
 from typing import Any
@@ -154,21 +155,25 @@ def play(
     }
     lines: Queue[tuple[int, str | None]] = Queue()
     children = []
-    for at in range(count):
-        own = {
-            "--games": options.games // count + (at < options.games % count),
-            "--seed": config.seed * 1_000 + at,
-        }
-        pairs = [str(part) for pair in (arguments | own).items() for part in pair]
-        child = Child(
-            *("actors.games", *pairs, *flags),
-            leash=True,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-        )
-        children.append(child)
-        threading.Thread(target=_read, args=(at, child, lines), daemon=True).start()
-    try:
+    with ExitStack() as end:
+        for at in range(count):
+            own = {
+                "--games": options.games // count + (at < options.games % count),
+                "--seed": config.seed * 1_000 + at,
+            }
+            pairs = [str(part) for pair in (arguments | own).items() for part in pair]
+            child = Child(
+                *("actors.games", *pairs, *flags),
+                leash=True,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.PIPE,
+            )
+            end.callback(child.end, 0.0)
+            children.append(child)
+            reader = threading.Thread(target=_read, args=(at, child, lines), daemon=True)
+            reader.start()
+            end.callback(reader.join)  # or its pipe would be closed while it reads
+            end.callback(child.kill)
         playing = count
         while playing and not stop.is_set():
             try:
@@ -185,10 +190,6 @@ def play(
                 if status < 0:
                     why, code = f"signal {-status} ended a process", FAILED
                 raise InputError(f"the games could not be played: {why}.", code)
-    finally:
-        for child in children:
-            child.kill()
-            child.wait()
 
 
 def _read(at: int, child: Child, lines: "Queue[tuple[int, str | None]]") -> None:

@@ -9,6 +9,7 @@ import threading
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from common.run.join import find_run
 from common.run.presets import PRESETS
 from common.transport.chosen import connect
 from learner.options import LearnerOptions
+from replay import __main__ as replay_main
 from replay.__main__ import ReplayOptions
 from replay.__main__ import _line as replay_line
 from replay.chunk_statistics import Progress
@@ -146,6 +148,19 @@ def test_what_cannot_be_is_said_in_one_line(tmp_path: Path, started: list[Proces
         assert refused.ended() == 2
         (line,) = refused.lines
         assert complaint in line
+
+
+def test_a_hub_that_cannot_be_asked_for_its_runs_is_left(monkeypatch: pytest.MonkeyPatch) -> None:
+    transport = MagicMock()
+    transport.__enter__.return_value = transport
+    transport.gather.side_effect = RuntimeError("closed")
+    monkeypatch.setattr(replay_main, "connect", lambda *_, **__: transport)
+    options, _ = parse_run(
+        ReplayOptions, "replay", ["--run", RUN, "--connect", "tcp/127.0.0.1:1"], lambda _: None
+    )
+    with pytest.raises(RuntimeError):
+        replay_main._open(options, threading.Event())
+    assert transport.__exit__.called
 
 
 def test_with_the_same_initial_network_its_settings_are_those_of_the_learner() -> None:

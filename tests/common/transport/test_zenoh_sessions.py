@@ -150,6 +150,28 @@ def test_an_address_can_be_used_again_at_once(endpoint: str) -> None:
             hub.close()
 
 
+def test_a_hub_that_fails_as_it_begins_leaves_nothing_open(
+    endpoint: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with monkeypatch.context() as patched:
+        patched.setattr(zenoh_sessions, "FileGuard", Mock(side_effect=OSError("no file")))
+        with pytest.raises(OSError, match="no file") as error:
+            open_hub(endpoint)
+    open_hub(endpoint).close()
+    del error  # until here, the failed call's variables were alive
+
+
+def test_whatever_fails_to_close_keeps_nothing_else_open() -> None:
+    session, last = Mock(is_closed=lambda: False), Mock()
+    transport = ZenohTransport(session)
+    transport.keep(Mock(close=Mock(side_effect=zenoh.ZError("no"))))
+    transport.keep(last)
+    with pytest.raises(zenoh.ZError):
+        transport.close()
+    assert last.close.called
+    assert session.close.called
+
+
 def test_an_address_of_another_machine_is_told() -> None:
     # 192.0.2.0/24 is nobody's (RFC 5737).
     with pytest.raises(InputError) as refused:

@@ -2,8 +2,10 @@
 
 import io
 import json
+import os
 import sys
 import threading
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -68,6 +70,31 @@ def test_no_more_processes_than_games(program: Path) -> None:
     write(program, PLAYS)
     options = EvaluationOptions(Path("w"), games=2, processes=9)
     assert len(list(play(options, 0.25, CONFIG, [], threading.Event()))) == 2
+
+
+@pytest.mark.parametrize("starts", [1, 2])
+def test_an_evaluation_leaves_no_process_and_no_pipe(
+    program: Path, monkeypatch: pytest.MonkeyPatch, starts: int
+) -> None:
+    """Also where the second process cannot be started."""
+    write(program, "import sys; sys.stdin.read()" if starts == 1 else PLAYS)
+    children: list[Child] = []
+
+    def start(*arguments: Any, **streams: Any) -> Child:
+        if len(children) == starts:
+            raise OSError("no memory")
+        children.append(Child(*arguments, **streams))
+        return children[-1]
+
+    monkeypatch.setattr(offline, "Child", start)
+    before = set(os.listdir("/proc/self/fd"))
+    options = EvaluationOptions(Path("w"), games=2, processes=2)
+    with nullcontext() if starts == 2 else pytest.raises(OSError, match="no memory"):
+        list(play(options, 0.25, CONFIG, [], threading.Event()))
+    for child in children:
+        assert child.returncode is not None
+        child._reader.join(PATIENCE)
+    assert set(os.listdir("/proc/self/fd")) == before
 
 
 def test_a_process_that_fails_is_quoted(program: Path) -> None:
