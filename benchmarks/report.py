@@ -18,11 +18,11 @@ from rich.console import Console
 from rich.table import Table as RichTable
 
 from benchmarks.child import run_program
-from common.atomic_file import check_new_file, write_json
+from common.atomic_file import write_json
 from common.checked import FromOne
 from common.errors import InputError
 from common.process.command_line import parse
-from learner.telemetry.provenance import machine_line, provenance
+from learner.telemetry.provenance import check_results_file, machine_line, provenance
 
 Numbers = Annotated[tuple[FromOne, ...], MinLen(1)]
 Seconds = Annotated[float, Gt(0)]
@@ -37,7 +37,7 @@ class BenchmarkOptions:
     """The flags that every benchmark has."""
 
     json: Path | None = None
-    """File for the results, as JSON."""
+    """File for the results, as JSON; earlier results in it are replaced."""
 
     def check(self) -> None:
         """Refuses what the bounds beside the fields cannot, such as a missing folder.
@@ -46,7 +46,7 @@ class BenchmarkOptions:
             InputError: a value is refused; the message names the flag.
         """
         if self.json is not None:
-            check_new_file(self.json)
+            check_results_file(self.json)
 
 
 class Table(NamedTuple):

@@ -8,12 +8,12 @@ from typing import Annotated
 
 import tyro
 
-from common.atomic_file import check_new_file
 from common.checked import Count, Fraction, FromOne
 from common.errors import InputError
 from common.process.command_line import WeightsFile, check_bounds
 from common.registry import ENVIRONMENTS
 from common.run.config import RunConfig
+from learner.telemetry.provenance import check_results_file
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ class EvaluationOptions:
     processes: Count = 0
     """Number of games played at the same time; 0 for as many as there are cores."""
     json: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
-    """File for the results, as JSON."""
+    """File for the results, as JSON; earlier results in it are replaced."""
 
     def check(self) -> None:
         """Refuses options that cannot be followed.
@@ -78,7 +78,7 @@ class EvaluationOptions:
         if self.headline and self.epsilon is not None:
             raise InputError("--headline has its own shares of random actions: omit --epsilon.")
         if self.json is not None:
-            check_new_file(self.json)  # before the games, not after them
+            check_results_file(self.json)  # before the games, not after them
 
     def _refuse_all(self) -> None:
         """Raises InputError for any of these options, because no network is evaluated."""
