@@ -35,7 +35,8 @@ def find_weights(name: str | Path) -> Path:
     elif not path.exists() and in_full.is_file():
         path = in_full
     if not path.is_file():
-        raise InputError(f"{path} is not a file: {_what_there_is(path)}")
+        wrong = "is not a file" if os.path.lexists(path) else "does not exist"
+        raise InputError(f"{path} {wrong}: {_what_there_is(path)}")
     return path
 
 

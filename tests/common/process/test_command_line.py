@@ -304,15 +304,17 @@ def test_a_network_is_a_file_or_a_published_one(
     with pytest.raises(InputError, match=r"^runs/r1 is not a file: .* policy: .*ale_pong, "):
         parse(Shown, "program", ["--weights", "runs/r1"])
     (run / "config.json").touch()
-    with pytest.raises(InputError, match=r"^runs/r1/checkpoint\.safetensors is not a file: "):
+    with pytest.raises(InputError, match=r"^runs/r1/checkpoint\.safetensors does not exist: "):
         parse(Shown, "program", ["--weights", "runs/r1"])
     (run / "checkpoint.safetensors").touch()
     newest = Path("runs/r1/checkpoint.safetensors")
     assert parse(Shown, "program", ["--weights", "runs/r1"]).weights == newest
-    with pytest.raises(InputError, match=r"^runs/r1/snap.* is not a file: name .*/runs/r1 for its"):
+    with pytest.raises(
+        InputError, match=r"^runs/r1/snap.* does not exist: name .*/runs/r1 for its"
+    ):
         parse(Shown, "program", ["--weights", "runs/r1/snapshots/best.safetensors"])
-    with pytest.raises(InputError, match=r"robot_pnog is not a file: did you mean robot_pong\?$"):
+    with pytest.raises(InputError, match=r"robot_pnog does not exist: did you mean robot_pong\?$"):
         parse(Shown, "program", ["--weights", "robot_pnog"])
     for name in ("other", "runs/robot_pong"):
-        with pytest.raises(InputError, match=f"^{name} is not a file"):
+        with pytest.raises(InputError, match=f"^{name} does not exist"):
             parse(Shown, "program", ["--weights", name])

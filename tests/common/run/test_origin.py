@@ -57,8 +57,10 @@ def test_a_network_goes_by_the_name_under_which_it_was_published(tmp_path: Path)
     mine = tmp_path / "policies" / "mine.v2"
     mine.parent.mkdir()
     file = mine.with_name("mine.v2.safetensors")
-    with pytest.raises(InputError, match="is not a file"):
+    with pytest.raises(InputError, match=r"mine\.v2 does not exist: name a network's file"):
         find_weights(mine)
+    with pytest.raises(InputError, match="policies is not a file: name a network's file"):
+        find_weights(mine.parent)
     file.touch()
     assert find_weights(mine) == find_weights(file) == file
 
