@@ -20,7 +20,7 @@ from rich.table import Table as RichTable
 from benchmarks.child import run_program
 from common.atomic_file import write_json
 from common.checked import FromOne
-from common.errors import InputError
+from common.errors import InputError, writing
 from common.process.command_line import parse
 from learner.telemetry.provenance import check_results_file, machine_line, provenance
 
@@ -118,11 +118,13 @@ def show(title: str, rows: Sequence[Row]) -> None:
 def write(file: Path | None, content: Row) -> None:
     """Writes ``content`` as JSON, with versions, commit and machine, unless ``file`` is None.
 
-    The old file stays until the new one is complete, because it may be the work of days.
+    The old file stays until the new one is complete, because it may be the work of days. Raises
+    InputError if the file cannot be written.
     """
     if file is None:
         return
-    write_json(file, {**content, **provenance()})
+    with writing(file):
+        write_json(file, {**content, **provenance()})
 
 
 def resumed(file: Path | None, about: Row, what: str) -> dict[str, Any]:

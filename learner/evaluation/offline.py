@@ -16,7 +16,7 @@ from typing import Any
 from rich.console import Console
 
 from common.atomic_file import write_json
-from common.errors import InputError
+from common.errors import InputError, writing
 from common.minus import points
 from common.network import build_network
 from common.process.exit_codes import FAILED
@@ -55,7 +55,7 @@ def evaluate(
         The content of the JSON file; None if ``stop`` was set.
 
     Raises:
-        InputError: the network does not fit ``config``.
+        InputError: the network does not fit ``config``, or the file cannot be written.
     """
     made_by = provenance()
     console = console or Console(highlight=False)
@@ -75,7 +75,8 @@ def evaluate(
     console.print(table(content))
     content = strict(content)
     if options.json is not None:
-        write_json(options.json, content)
+        with writing(options.json):
+            write_json(options.json, content)
         console.print(f"wrote {options.json}", markup=False, soft_wrap=True)
     return content
 
@@ -113,7 +114,9 @@ def _rows(
             told = {"changed": changed, "conditions": _unusual(settings)}
             rows.append({**asdict(measure), **told, **summarise(found, clock)})
     if len(rows) < len(measures):  # told once the bar has gone: the console would write behind it
-        console.print(f"stopped after {played} games")
+        unwritten = f": {options.json} is not written" if options.json is not None else ""
+        games = "1 game" if played == 1 else f"{played} games"
+        console.print(f"stopped after {games}{unwritten}", markup=False, soft_wrap=True)
         return None
     return rows
 

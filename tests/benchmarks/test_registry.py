@@ -53,7 +53,7 @@ def test_results_outlast_a_full_disk(tmp_path: Path, monkeypatch: pytest.MonkeyP
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     monkeypatch.setattr(os, "fsync", refuse)
-    with pytest.raises(OSError, match="No space left"):
+    with pytest.raises(InputError, match=r"results\.json cannot be written \(No space left"):
         write(file, {"runs": [1, 2]})
     assert json.loads(file.read_bytes())["runs"] == [1]
 

@@ -1,5 +1,6 @@
 """The processes of an evaluation, played by a script: who plays what, and what is said of them."""
 
+import errno
 import io
 import json
 import os
@@ -127,7 +128,9 @@ def test_a_process_that_writes_much_to_its_standard_error_plays_on(program: Path
     assert len(found) == 4
 
 
-def test_a_stop_ends_every_process(program: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_stop_ends_every_process(
+    program: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     write(program, "import time\nprint('{}', flush=True)\ntime.sleep(10_000)")
     children: list[Child] = []
 
@@ -141,7 +144,8 @@ def test_a_stop_ends_every_process(program: Path, monkeypatch: pytest.MonkeyPatc
     console = Console(file=said)
     gone = "learner.evaluation.offline.Progress.__exit__"
     monkeypatch.setattr(gone, lambda *_: said.write("the bar has gone\n"))
-    options = EvaluationOptions(program, games=2, processes=2)
+    file = tmp_path / "results.json"
+    options = EvaluationOptions(program, games=2, processes=2, json=file)
     result: list[Any] = []
     games = threading.Thread(
         target=lambda: result.append(evaluate(options, CONFIG, None, ClockConfig(), stop, console)),
@@ -151,7 +155,7 @@ def test_a_stop_ends_every_process(program: Path, monkeypatch: pytest.MonkeyPatc
     stop.set()
     games.join(PATIENCE)
     assert result == [None]
-    assert "the bar has gone\nstopped after" in said.getvalue()
+    assert f"the bar has gone\nstopped after 0 games: {file} is not written\n" in said.getvalue()
     assert [child.poll() for child in children] == [-9, -9]
 
 
@@ -203,6 +207,19 @@ def test_results_are_printed_and_written(
     assert first.endswith("2 games, 2 at a time; the time left follows with the first")
     assert "evaluating: 50 %, 1 of 2 games" in later[0]
     assert shown.splitlines()[:2] == ["game 1: score 3", "game 2: score 3"]
+
+
+def test_on_a_full_disk_the_file_is_named(
+    program: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    write(program, f"print({json.dumps(GAME)!r}, flush=True)")
+    monkeypatch.setattr("learner.evaluation.offline.write_json", refuse)
+    options = EvaluationOptions(program, games=1, json=tmp_path / "f.json")
+    with pytest.raises(InputError, match=r"f\.json cannot be written \(No space .*: name another"):
+        evaluated(options, CONFIG, None)
 
 
 def test_settings_other_than_the_networks_are_told(program: Path) -> None:
