@@ -58,8 +58,9 @@ class Film(Played):
     """Seconds of play, in as many games as that takes, for each epoch of a run (8 by default); 0
     films a whole game."""
     video: File = None
-    """Film; its name ends in .mp4 or .gif. By default film.mp4, or films/learning.mp4 in the folder
-    of a run that is filmed epoch by epoch."""
+    """Film; its name ends in .mp4 or .gif. An existing film is replaced once the new one is whole.
+    By default film.mp4, or films/learning.mp4 in the folder of a run that is filmed epoch by
+    epoch."""
     nao_urdf: File = None
     """URDF of another NAO, with meshes, to show in the panels; the physics stay the same."""
 
@@ -120,6 +121,7 @@ class Film(Played):
                 film(titled(panels.draw(step, values), title, passed / len(chapters)))
                 progress.update(passed, note=title)
                 if stop.is_set():
+                    print(f"stopped after {done / env.rate:.1f} s of play")
                     break
         print(f"wrote {video}")
 

@@ -41,8 +41,27 @@ def check_movie(path: Path, seconds: float, chapters: int = 1) -> None:
 
 def open_movie(path: Path, rate: float) -> AbstractContextManager[Add]:
     """Opens a film with ``rate`` pictures per second; it is complete once its context is left.
-    Raises InputError if ``path`` ends in neither .mp4 nor .gif, or cannot be written."""
-    return _opener(path)(path, rate)
+
+    Until then, and after an error or without a picture, what was at ``path`` stays there. Raises
+    InputError if ``path`` ends in neither .mp4 nor .gif, or cannot be written.
+    """
+    return _beside(path, rate, _opener(path))
+
+
+@contextmanager
+def _beside(
+    path: Path, rate: float, opener: Callable[[Path, float], AbstractContextManager[Add]]
+) -> Iterator[Add]:
+    """Writes the film beside ``path``, and renames it once it is complete."""
+    fresh = path.with_name(path.name + ".tmp")
+    fresh.unlink(missing_ok=True)  # left by a killed process, or a link to somewhere else
+    try:
+        with opener(fresh, rate) as add:
+            yield add
+        if fresh.exists():
+            fresh.replace(path)
+    finally:
+        fresh.unlink(missing_ok=True)
 
 
 def _opener(path: Path) -> Callable[[Path, float], AbstractContextManager[Add]]:
@@ -60,7 +79,8 @@ def _mp4(path: Path, rate: float) -> Iterator[Add]:
     import av
 
     # An absolute path, because FFmpeg takes everything before a colon for a protocol.
-    with av.open(str(path.absolute()), "w", options={"movflags": "+faststart"}) as film:
+    name, options = str(path.absolute()), {"movflags": "+faststart"}
+    with av.open(name, "w", format="mp4", options=options) as film:
         stream = film.add_stream("libx264", rate=Fraction(rate).limit_denominator(1_000))
         stream.pix_fmt = "yuv420p"
         # How FFmpeg converts RGB. Without these tags, browsers assume BT.709 for large pictures.
@@ -78,11 +98,9 @@ def _mp4(path: Path, rate: float) -> Iterator[Add]:
                 stream.height, stream.width = picture.shape[:2]
             film.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
 
-        try:
-            yield add
-        finally:
-            if begun:
-                film.mux(stream.encode())
+        yield add
+        if begun:
+            film.mux(stream.encode())
 
 
 @contextmanager
@@ -95,12 +113,10 @@ def _gif(path: Path, rate: float) -> Iterator[Add]:
         small = cv2.resize(picture, (width // 2, height // 2), interpolation=cv2.INTER_AREA)
         pictures.append(Image.fromarray(small).quantize(128))
 
-    try:
-        yield add
-    finally:
-        if pictures:
-            # GIF counts in hundredths of a second, Pillow in milliseconds.
-            pause = round(100 / rate) * 10
-            pictures[0].save(
-                path, save_all=True, append_images=pictures[1:], duration=pause, loop=0
-            )
+    yield add
+    if pictures:
+        # GIF counts in hundredths of a second, Pillow in milliseconds.
+        pause = round(100 / rate) * 10
+        pictures[0].save(
+            path, "GIF", save_all=True, append_images=pictures[1:], duration=pause, loop=0
+        )

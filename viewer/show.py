@@ -41,7 +41,8 @@ class Play(Played):
     seconds: Amount = 0.0
     """Seconds of play, for a short film; 0 plays whole games."""
     video: File = None
-    """Film of the panels; its name ends in .mp4, or in .gif with --seconds."""
+    """Film of the panels; its name ends in .mp4, or in .gif with --seconds. An existing film is
+    replaced once the new one is whole."""
     viewer: Literal["rerun"] | None = None
     """Live viewer of room, pictures and figures: a window, or a page if there is no display. It
     needs pip install 'ale-robot[viz]'."""
@@ -98,13 +99,15 @@ class Play(Played):
                 played += step.info.elapsed
                 seconds = played / env.rate
                 progress.update(seconds, note=f"{seconds:.0f} s of play")
-                ended = self.seconds and seconds >= self.seconds
-                if len(scores) == self.games or ended or stop.is_set():
+                ended = len(scores) == self.games or 0 < self.seconds <= seconds
+                if ended or stop.is_set():
                     if not scores:
                         print(
                             f"no game ended: score {points(step.info.game_score)} "
                             f"after {step.info.game_steps} steps"
                         )
+                    if not ended:
+                        print(f"stopped after {seconds:.1f} s of play")
                     break
             if len(scores) > 1:
                 mean = minus_signed(f"{np.mean(scores):.2f}")

@@ -133,11 +133,20 @@ def test_a_film_of_a_run_has_its_flags_and_shows_each_networks_values(
     assert first[1][1] != other[1][1]  # another random action
 
 
-def test_a_film_that_is_stopped_ends_with_its_last_picture(run: Path) -> None:
+def test_a_film_that_is_stopped_ends_with_its_last_picture_and_says_so(
+    run: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     stop = threading.Event()
     stop.set()
+    video = run / "films" / "learning.mp4"
     Film(shown=run).run(stop)
-    assert len(pictures_of(run / "films" / "learning.mp4")) == 1
+    assert len(pictures_of(video)) == 1
+    assert capsys.readouterr().out == f"stopped after 0.1 s of play\nwrote {video}\n"
+    best, video = run / "snapshots" / "best.safetensors", run / "best.mp4"
+    Film(shown=best, video=video).run(stop)
+    assert len(pictures_of(video)) == 1
+    told = f"\nstopped after 0.1 s of play\nwrote {video}\n"
+    assert capsys.readouterr().out.endswith(told)
     Film(shown=run, video=run / "short.gif").run(stop)  # three chapters by default are no 120 s
 
 
