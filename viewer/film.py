@@ -109,7 +109,7 @@ class Film(Played):
             open_movie(video, env.rate) as film,
             Progress("filming", len(chapters)) as progress,
         ):
-            steps = round((self.seconds or _CHAPTER) * env.rate)
+            steps = max(round((self.seconds or _CHAPTER) * env.rate), 1)
             played = (
                 (title, step, policy.values)
                 for title, weights in chapters

@@ -105,6 +105,11 @@ def test_a_run_is_filmed_chapter_by_chapter(
         assert (np.abs(titles[at] - titles[at - 1]).max() > 100) == (at % 3 == 0)
 
 
+def test_the_shortest_chapter_has_a_picture(run: Path) -> None:
+    Film(shown=run, seconds=0.001).run(threading.Event())
+    assert len(pictures_of(run / "films" / "learning.mp4")) == 3
+
+
 def test_a_film_of_a_run_has_its_flags_and_shows_each_networks_values(
     run: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
