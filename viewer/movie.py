@@ -31,6 +31,7 @@ def check_movie(path: Path, seconds: float, chapters: int = 1) -> None:
         seconds: length of each of its ``chapters``; 0 if it is unknown.
     """
     _opener(path)
+    check_new_file(path)
     most = _LONGEST_GIF / chapters
     if path.suffix.lower() == ".gif" and not 0 < seconds <= most:
         raise InputError(
@@ -42,8 +43,9 @@ def check_movie(path: Path, seconds: float, chapters: int = 1) -> None:
 def open_movie(path: Path, rate: float) -> AbstractContextManager[Add]:
     """Opens a film with ``rate`` pictures per second; it is complete once its context is left.
 
-    Until then, and after an error or without a picture, what was at ``path`` stays there. Raises
-    InputError if ``path`` ends in neither .mp4 nor .gif, or cannot be written.
+    Until then, and after an error or without a picture, what was at ``path`` stays there. Its
+    folder is made. Raises InputError if ``path`` ends in neither .mp4 nor .gif, and OSError within
+    the context if the film cannot be written.
     """
     return _beside(path, rate, _opener(path))
 
@@ -54,6 +56,7 @@ def _beside(
 ) -> Iterator[Add]:
     """Writes the film beside ``path``, and renames it once it is complete."""
     fresh = path.with_name(path.name + ".tmp")
+    path.parent.mkdir(parents=True, exist_ok=True)
     fresh.unlink(missing_ok=True)  # left by a killed process, or a link to somewhere else
     try:
         with opener(fresh, rate) as add:
@@ -65,11 +68,11 @@ def _beside(
 
 
 def _opener(path: Path) -> Callable[[Path, float], AbstractContextManager[Add]]:
-    """Returns the function that opens a film at ``path``; raises InputError as `open_movie`."""
+    """Returns the function that opens a film at ``path``. Raises InputError if it ends in neither
+    .mp4 nor .gif."""
     opener = {".mp4": _mp4, ".gif": _gif}.get(path.suffix.lower())
     if opener is None:
         raise InputError(f"{path} is not a film's name: let it end in .mp4 or .gif.")
-    check_new_file(path)
     return opener
 
 

@@ -65,7 +65,11 @@ class Recorder(gymnasium.Wrapper[Any, Any, Any, Any]):
         check_new_folder(folder)
         with writing(folder):
             folder.mkdir(parents=True)
-            self.dataset = DatasetWriter(folder, config, features, robot)
+            try:
+                self.dataset = DatasetWriter(folder, config, features, robot)
+            except OSError:
+                shutil.rmtree(folder, ignore_errors=True)  # or the next try would be refused
+                raise
         self._features = features
         self._rows: list[dict[str, Any]] = []
         self._sampled: list[NDArray[np.uint8]] = []
@@ -84,8 +88,9 @@ class Recorder(gymnasium.Wrapper[Any, Any, Any, Any]):
         """A line for people that sums up the closed recording."""
         dataset = self.dataset
         games = "1 game" if dataset.episodes == 1 else f"{dataset.episodes:,} games"
+        steps = "1 step" if dataset.steps == 1 else f"{dataset.steps:,} steps"
         cut = ", cut at the end," if self._was_cut else ""
-        return f"wrote {games} of {dataset.steps:,} steps{cut} to {dataset.folder}"
+        return f"wrote {games} of {steps}{cut} to {dataset.folder}"
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
         self._seen = self._look()
@@ -102,10 +107,10 @@ class Recorder(gymnasium.Wrapper[Any, Any, Any, Any]):
             row["command"] = _flags(inner.wanted)
         columns, picture = self._seen
         if picture is not None:
-            if not self._rows:
-                rate = self.dataset.rate
-                self._film = self._filming.enter_context(open_movie(self.dataset.video, rate))
             with self._writing():
+                if not self._rows:
+                    film = open_movie(self.dataset.video, self.dataset.rate)
+                    self._film = self._filming.enter_context(film)
                 self._film(picture)
             if len(self._rows) % _SAMPLE_EVERY == 0:
                 self._sampled.append(picture)

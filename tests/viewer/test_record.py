@@ -182,7 +182,7 @@ def test_what_was_recorded_stays(tmp_path: Path, capsys: pytest.CaptureFixture[s
     stop.set()
     command = Record(weights=ALE, output=tmp_path / "d", games=3)
     command.run(stop)
-    assert "wrote 1 game of 1 steps" in capsys.readouterr().out
+    assert "wrote 1 game of 1 step, cut at the end, to" in capsys.readouterr().out
     with pytest.raises(InputError, match=r"d already exists: name a new folder"):
         command.run(stop)
 
@@ -199,6 +199,29 @@ def test_a_game_whose_film_cannot_be_written_is_not_counted(
 ) -> None:
     monkeypatch.setattr("viewer.recorder.open_movie", full_at_the_end)
     command = Record(weights=ALE, output=tmp_path / "d", minutes=0.01)
+    with pytest.raises(InputError, match=r"d cannot be written \(No space .* another folder\.$"):
+        command.run(threading.Event())
+    assert not (tmp_path / "d").exists()
+
+
+def test_a_recording_that_cannot_begin_leaves_no_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    command = Record(weights=ALE, output=tmp_path / "d", minutes=0.01)
+    with monkeypatch.context() as full:
+        full.setattr("common.dataset.writer.write_atomically", refuse)
+        with pytest.raises(InputError, match=r"d cannot be written \(No space left on device\)"):
+            command.run(threading.Event())
+    assert not (tmp_path / "d").exists()
+    mkdir = Path.mkdir
+
+    def make_but_for_videos(folder: Path, **how: bool) -> None:
+        refuse() if "videos" in folder.parts else mkdir(folder, **how)
+
+    monkeypatch.setattr(Path, "mkdir", make_but_for_videos)
     with pytest.raises(InputError, match=r"d cannot be written \(No space .* another folder\.$"):
         command.run(threading.Event())
     assert not (tmp_path / "d").exists()
@@ -225,6 +248,7 @@ def test_one_that_was_killed_has_the_games_before(
     record(tmp_path / "d", [GOES_ON, GOES_ON, GAME_OVER], 5)
     (rows,) = Dataset(tmp_path / "d").read()
     assert len(rows["actions"]) == 3
+    assert rows["truncated"].tolist() == [False] * 3  # its game ended by itself
 
 
 @pytest.mark.skipif(LEROBOT is None, reason="LEROBOT_PYTHON names no interpreter with lerobot")
