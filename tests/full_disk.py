@@ -2,7 +2,10 @@
 
 import errno
 import os
+import resource
 import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 import pytest
 
@@ -17,6 +20,17 @@ def let_the_disk_take(monkeypatch: pytest.MonkeyPatch, *sizes: int) -> None:
         return write(file, content[:some])
 
     monkeypatch.setattr(os, "write", into_little_room)
+
+
+@contextmanager
+def files_of_at_most(size: int) -> Iterator[None]:
+    """Has the system itself refuse to make any file of this process larger."""
+    before, most = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, most))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (before, most))
 
 
 class Stop(threading.Event):

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from common.atomic_file import check_new_file
+from common.atomic_file import check_new_file, write_atomically
 from common.errors import InputError, writing
 
 _FORMATS = (".png", ".jpg", ".jpeg", ".webp", ".bmp", ".tif", ".tiff", ".ppm")
@@ -26,7 +26,7 @@ def write_picture(path: Path, picture: NDArray[np.uint8]) -> None:
     check_picture(path)
     _, content = cv2.imencode(_as_named(path), picture[:, :, ::-1])
     with writing(path):
-        path.write_bytes(content.tobytes())
+        write_atomically(path, content.tobytes())
 
 
 def _as_named(path: Path) -> str:

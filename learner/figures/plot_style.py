@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from io import BytesIO
 from pathlib import Path
 from typing import NamedTuple, Protocol, Self, TypeVar
 
@@ -15,7 +16,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from common.atomic_file import check_new_file
+from common.atomic_file import check_new_file, write_atomically
 from common.errors import InputError, writing
 
 _SUFFIXES = (".png", ".svg", ".pdf")
@@ -65,9 +66,9 @@ def renamed(found: Sequence[N], names: Sequence[str]) -> list[N]:
     """
     own = list(dict.fromkeys(each.name for each in found))
     if names and len(names) != len(own):
+        lines = "1 line" if len(own) == 1 else f"{len(own)} lines"
         raise InputError(
-            f"--names has {len(names)} names for {len(own)} lines ({', '.join(own)}): give one for "
-            "each line."
+            f"--names has {len(names)} names for {lines} ({', '.join(own)}): give one for each."
         )
     new = dict(zip(own, names or own, strict=True))
     return [each._replace(name=new[each.name]) for each in found]
@@ -91,8 +92,10 @@ def save(figure: Figure, path: Path) -> None:
         InputError: the file cannot be written.
     """
     try:
+        content = BytesIO()
+        figure.savefig(content, format=path.suffix[1:], dpi=150)
         with writing(path):
-            figure.savefig(path, dpi=150)
+            write_atomically(path, content.getvalue())
     finally:
         plt.close(figure)
     print(f"wrote {path}")

@@ -26,8 +26,9 @@ from common.run.presets import PRESETS
 from common.run.stored_config import to_json
 from learner.figures.plot import Options
 from learner.figures.plot_runs import read_groups
-from learner.figures.plot_style import RANDOM, mean_line
+from learner.figures.plot_style import RANDOM, line_figure, mean_line, save
 from tests.epoch_rows import epoch_row
+from tests.full_disk import files_of_at_most
 from tests.paths import ROOT
 
 ROW = epoch_row()
@@ -314,6 +315,23 @@ def test_a_legend_has_words_instead_of_the_names_of_files(tmp_path: Path) -> Non
     assert names(drawn)[:2] == ["the robot, mean of 2 seeds", "the emulator"]
     with pytest.raises(InputError, match="3 names for 2 lines"):
         draw(Options(paths, names=("one", "two", "three")))
+    with pytest.raises(InputError, match=r"2 names for 1 line \(b\): give"):
+        draw(Options(paths[2:], names=("one", "two")))
+
+
+@pytest.mark.parametrize("name", ["f.png", "f.svg", "f.pdf"])
+def test_a_figure_for_which_there_is_no_room_leaves_the_earlier_one(
+    tmp_path: Path, name: str
+) -> None:
+    path = tmp_path / name
+    path.write_text("an earlier figure")
+    with files_of_at_most(4096), pytest.raises(InputError, match=f"{name} cannot be written"):
+        save(line_figure([], "x", "y", width=4, height=3)[0], path)
+    assert path.read_text() == "an earlier figure"
+    assert list(tmp_path.iterdir()) == [path]
+    save(line_figure([], "x", "y", width=4, height=3)[0], path)
+    signs = {"f.png": b"\x89PNG", "f.svg": b"<?xml", "f.pdf": b"%PDF"}
+    assert path.read_bytes().startswith(signs[name])
 
 
 def test_every_figure_is_in_the_help() -> None:
