@@ -23,7 +23,7 @@ import cv2
 from common.errors import InputError
 from common.process.command_line import parse
 from common.process.lifeline import on_signals
-from common.process.log_lines import LOADING, say
+from common.process.log_lines import LOADING, say, say_aside
 from common.process.own_flags import own_help
 from common.process.program_end import exit_on_input_error
 from viewer.check import Check
@@ -40,6 +40,15 @@ EVERY: Any = Watch | Play | Film | Record | Human | Check | Draws | Policies
 COMMANDS: dict[str, Any] = {kind.__name__.lower(): kind for kind in get_args(EVERY)}
 
 
+class _ToldStop(threading.Event):
+    """Says at once that the program stops: its present step and the end of a film take seconds."""
+
+    def set(self) -> None:
+        super().set()
+        # In a thread: even where nobody reads, a second signal ends the program.
+        threading.Thread(target=say_aside, args=("stopping ...",), daemon=True).start()
+
+
 def main() -> int:
     name, *arguments = sys.argv[1:] or ["--help"]
     kind = COMMANDS.get(name)
@@ -52,7 +61,8 @@ def main() -> int:
         command = parse(kind, f"viewer {name}", arguments, own_help(arguments))
     if isinstance(command, Played):
         command.check()
-    stop = threading.Event()
+    # A line would be in the picture that a terminal shows.
+    stop = threading.Event() if isinstance(command, Watch | Human) else _ToldStop()
     on_signals(stop)
     if not isinstance(command, Human | Draws | Policies):  # where no network plays
         # Not before the command is known: help and a wrong flag come at once.

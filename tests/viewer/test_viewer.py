@@ -6,6 +6,7 @@ import threading
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
+from queue import Queue
 from typing import Any
 
 import cv2
@@ -34,11 +35,13 @@ from common.run.stored_config import to_json
 from tests.actors.robots.latency_model.models import delay, saved
 from tests.extending.test_environment import LAMPS
 from tests.extending.whole_run import added
+from tests.patience import PATIENCE
 from tests.viewer.commands import command
 from tests.viewer.rrd import recorded
 from viewer.__main__ import COMMANDS, main
 from viewer.check import CORNERS_IN_PLACE, Check
 from viewer.film import Film
+from viewer.human import Human
 from viewer.player import Played, ShownPolicy, shown_env
 from viewer.show import Play
 from viewer.watch import Watch
@@ -560,3 +563,33 @@ def test_what_cannot_work_is_refused_before_pytorch_is_loaded(
     hide_pytorch(monkeypatch)
     with pytest.raises(InputError, match=words):
         main()
+
+
+@pytest.mark.parametrize(
+    ("kind", "told"),
+    [(Play, ["stopping ..."]), (Check, ["stopping ..."]), (Watch, []), (Human, [])],
+)
+def test_a_stop_is_told_at_once_but_in_no_picture(
+    monkeypatch: pytest.MonkeyPatch, kind: type[Played], told: list[str]
+) -> None:
+    said: Queue[str] = Queue()
+    goes_on = threading.Event()
+
+    def say(text: str) -> None:
+        said.put(text)
+        goes_on.wait(PATIENCE)
+
+    def run(self: object, stop: threading.Event) -> None:
+        before = set(threading.enumerate())
+        stop.set()
+        assert stop.is_set()
+        assert [said.get(timeout=PATIENCE) for _ in told] == told
+        assert len(set(threading.enumerate()) - before) == len(told)
+
+    monkeypatch.setattr("viewer.__main__.say_aside", say)
+    monkeypatch.setattr(kind, "check", lambda self: None)
+    monkeypatch.setattr(kind, "run", run)
+    try:
+        assert command(monkeypatch, kind.__name__.lower()) == 0
+    finally:
+        goes_on.set()

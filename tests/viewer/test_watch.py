@@ -4,6 +4,7 @@ import os
 import re
 import sys
 import threading
+from contextlib import AbstractContextManager
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
@@ -290,6 +291,70 @@ def test_a_file_that_is_no_network_is_told_before_the_terminal_that_is_missing(
         Watch(weights=page).check()
     with pytest.raises(InputError, match="need a terminal"):
         Watch(env="ale").check()
+
+
+class Clock:
+    """Time that passes only while somebody waits, or a step is drawn."""
+
+    def __init__(self) -> None:
+        self.now = 100.0
+        self.waited: list[float] = []
+
+    def monotonic(self) -> float:
+        return self.now
+
+
+class Paced(threading.Event):
+    """Waits by a `Clock`."""
+
+    def __init__(self, clock: Clock) -> None:
+        super().__init__()
+        self._clock = clock
+
+    def wait(self, timeout: float | None = None) -> bool:
+        assert timeout is not None
+        self._clock.waited.append(timeout)
+        self._clock.now += timeout
+        return False
+
+
+class NoTerminal(AbstractContextManager["NoTerminal"]):
+    """A terminal that shows nothing."""
+
+    size, cell = (80, 24), None
+
+    def __init__(self, least: tuple[int, int]) -> None: ...
+
+    def write(self, text: str) -> None: ...
+
+    def keys(self) -> bytes:
+        return b""
+
+    def __exit__(self, *_: object) -> None: ...
+
+
+def test_it_plays_as_fast_as_the_game_and_keeps_the_pace_after_a_late_picture(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    clock = Clock()
+    stop = Paced(clock)
+    drawing = iter([0.01, 0.02, 0.5, 0.01, 0.01])  # seconds of each picture
+
+    def draw(*_: object) -> str:
+        clock.now += next(drawing)
+        if len(clock.waited) == 4:
+            stop.set()
+        return ""
+
+    monkeypatch.setattr("viewer.watch.time", clock)
+    monkeypatch.setattr("viewer.watch.Terminal", NoTerminal)
+    monkeypatch.setattr("viewer.watch.WatchScreen.draw", draw)
+    Watch(env="ale").run(stop)
+    # Steps of 1/15 s, without the time of drawing; the third is late, and not made up for.
+    period = 1 / 15
+    assert clock.waited == pytest.approx(
+        [period - 0.01, period - 0.02, 0.0, period - 0.01, period - 0.01]
+    )
 
 
 @pytest.mark.usefixtures("forks")
