@@ -214,8 +214,8 @@ Evaluate a network over whole games, in several processes.
   --games N            number of games
   --headline           two more scores: 5 % random actions, and sticky actions
   --epsilon SHARE      share of random actions, 0 to 1
-  --processes N        number of games played at the same time
-  --json FILE          file for the results
+  --processes N        games at the same time; by default one on each core
+  --json FILE          file for the results; replaces earlier results alone
   --no-sync            real time, instead of as fast as the machine allows
 """,
     "plot": """\

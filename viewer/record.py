@@ -38,7 +38,7 @@ class Record(Played):
     games: Count = 0
     """Number of whole games; 1 by default."""
     minutes: Amount = 0.0
-    """Minutes of game time, instead of whole games; the last game is cut short."""
+    """Minutes of game time, instead of whole games, which 0 records; the last game is cut short."""
     epsilon: Fraction = 0.001
     """Share of random actions."""
     clock: tyro.conf.OmitArgPrefixes[ClockConfig] = field(default_factory=ClockConfig)
