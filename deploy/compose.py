@@ -1,14 +1,13 @@
 """Compose: all containers of a run on one machine."""
 
 import json
-import shutil
 from pathlib import Path
 from typing import Any
 
-from common.atomic_file import write_atomically
 from common.errors import InputError, writing
 from deploy.containers import actor_command, learner_command, replay_command
 from deploy.description import RunDescription
+from deploy.engine_files import write_files
 
 _OWN = "compose.override.yaml"
 
@@ -36,13 +35,12 @@ def launch(run: RunDescription) -> str:
         services["replay"] = _service(run, replay, options.replay_cpus, options.replay_memory)
     # Compose would substitute a variable after each dollar sign.
     text = json.dumps({"services": services}, indent=2).replace("$", "$$")
+    files = {part: (Path(__file__).parent / "compose" / part).read_bytes() for part in parts}
+    files[_OWN] = f"{text}\n".encode()
+    files[".env"] = f"COMPOSE_FILE={':'.join([*parts, _OWN])}\n".encode()
     with writing(place):
-        place.mkdir(parents=True, exist_ok=True)
-        for part in parts:
-            shutil.copy(Path(__file__).parent / "compose" / part, place)
-        write_atomically(place / _OWN, f"{text}\n".encode())
-        write_atomically(place / ".env", f"COMPOSE_FILE={':'.join([*parts, _OWN])}\n".encode())
-    return f"The run is in {place}. Start it:\n  cd {place} && docker compose up --detach"
+        kept = write_files(place, files)
+    return f"{kept}The run is in {place}. Start it:\n  cd {place} && docker compose up --detach"
 
 
 def _service(

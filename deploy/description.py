@@ -69,7 +69,8 @@ class LaunchOptions:
     patience: Annotated[float, Gt(0)] = 600.0
     """Time that actors wait, and keep their cores, while the learner is away, seconds."""
     time: str = "24:00:00"
-    """Time limit of each Slurm job; at its end a new job continues the work."""
+    """Time limit of each Slurm job, such as 90 (minutes), 24:00:00 or 2-12 (days and hours); at its
+    end a new job continues the work."""
     partition: str | None = None
     """Slurm partition."""
     account: str | None = None
@@ -88,8 +89,14 @@ class LaunchOptions:
     """Image of the containers, NAME:TAG; deploy/Containerfile builds it."""
 
     def check(self) -> None:
-        """Checks the options that go into scripts. Raises InputError if one is more than a word."""
-        for flag in ("time", "partition", "account"):
+        """Checks the options that go into scripts. Raises InputError if one is more than a word, or
+        not of its format."""
+        if not re.fullmatch(r"[0-9]+(-[0-9]+)?(:[0-9]+){0,2}", self.time):
+            raise InputError(
+                f"--time {self.time!r} is not a time of Slurm's: write minutes, or "
+                "HOURS:MINUTES:SECONDS or DAYS-HOURS."
+            )
+        for flag in ("partition", "account"):
             word = getattr(self, flag)
             if word is not None and not re.fullmatch(r"[A-Za-z0-9][\w.:-]*", word):
                 raise InputError(f"--{flag} {word!r} cannot be used: write one word.")

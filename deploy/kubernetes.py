@@ -2,17 +2,16 @@
 
 import json
 import re
-import shutil
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from common.atomic_file import write_json
 from common.errors import InputError, writing
 from common.transport.credentials import common_name
 from deploy.certificates import certify_actors, ensure_certificates
 from deploy.containers import actor_command, learner_command, replay_command
 from deploy.description import RunDescription
+from deploy.engine_files import files_in, write_files
 
 _HERE = Path(__file__).parent
 _POD = "/spec/template/spec"
@@ -27,14 +26,15 @@ def launch(run: RunDescription) -> str:
         raise InputError(
             f"run {name!r} cannot be a namespace: use lower-case letters, digits and '-' in --run."
         )
+    base = {f"base/{name}": text for name, text in files_in(_HERE / "kubernetes").items()}
+    own = (json.dumps(_kustomization(run), indent=2) + "\n").encode()
     with writing(place):
-        shutil.copytree(_HERE / "kubernetes", place / "base", dirs_exist_ok=True)
         if run.options.tls:
             ensure_certificates(place / "certificates", run.hub)
             certify_actors(place / "certificates", run.hub, _names(run))
-        write_json(place / "kustomization.yaml", _kustomization(run))
+        kept = write_files(place, base | {"kustomization.yaml": own})
     return (
-        f"The run is in {place}. Start it:\n"
+        f"{kept}The run is in {place}. Start it:\n"
         f"  kubectl create namespace {name}\n  kubectl apply --server-side -k {place}"
     )
 

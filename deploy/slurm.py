@@ -5,17 +5,16 @@ filled into shell text.
 """
 
 import shlex
-import shutil
 import socket
 import subprocess
 import sys
 from pathlib import Path
 
-from common.atomic_file import write_atomically
 from common.errors import InputError, writing
 from common.process.exit_codes import EXIT_CODES, UNREACHABLE
 from deploy.certificates import certify_actors
 from deploy.description import Program, RunDescription
+from deploy.engine_files import write_files
 
 _HERE = Path(__file__).parent
 _NOTICE = 90
@@ -35,20 +34,19 @@ def launch(run: RunDescription) -> str:
             f"a job called {name} is there already: end it first ({cancel}), "
             "or choose another --run."
         )
+    body = (_HERE / "slurm" / "job.sh").read_text()
+    files = {f"{part}.sh": f"{head}\n{body}".encode() for part, head in _heads(run).items()}
     with writing(place):
-        place.mkdir(parents=True, exist_ok=True)
-        run.folder.logs.mkdir(exist_ok=True)
-        shutil.copy(_HERE / "certificates.sh", place)
-        body = (_HERE / "slurm" / "job.sh").read_text()
-        for part, head in _heads(run).items():
-            write_atomically(place / f"{part}.sh", f"{head}\n{body}".encode())
+        run.folder.logs.mkdir(parents=True, exist_ok=True)
+        certificates = (_HERE / "certificates.sh").read_bytes()
+        kept = write_files(place, files | {"certificates.sh": certificates})
         if options.tls:
             certify_actors(run.folder.path / "certificates", socket.getfqdn(), _names(run))
     command = ["sbatch", str(place / f"{run.hub}.sh")]
     if not options.submit:
-        return f"The jobs are in {place}. Submit them:\n  {shlex.join(command)}"
+        return f"{kept}The jobs are in {place}. Submit them:\n  {shlex.join(command)}"
     return (
-        f"{_slurm(*command)}. Follow it:\n  tail -F {run.folder.logs}/learner.log\n"
+        f"{kept}{_slurm(*command)}. Follow it:\n  tail -F {run.folder.logs}/learner.log\n"
         f"End it, with a checkpoint:\n  {cancel}"
     )
 

@@ -109,6 +109,10 @@ def test_no_flag_is_run_as_shell_text(monkeypatch: pytest.MonkeyPatch, tmp_path:
         (("--cpus=2000",), (), "--cpus is 2000: choose at most 1024"),
         (("--partition=a\n#SBATCH --wrap=x",), (), "--partition"),
         (("--time=1;date",), (), "--time"),
+        (("--time=xx",), (), "--time 'xx' is not a time of Slurm's: write minutes, or HOURS:"),
+        (("--time=1:2:3:4",), (), "--time '1:2:3:4' is not a time"),
+        (("--time=2-",), (), "--time '2-' is not a time"),
+        (("--time=",), (), "--time '' is not a time"),
         (("--run=../q",), (), "cannot be used"),
     ],
 )
@@ -123,6 +127,50 @@ def test_what_cannot_run_is_refused_before_it_waits_in_a_queue(
     with pytest.raises(InputError, match=told):
         launch(monkeypatch, "slurm", *runs, f"--runs={tmp_path}", *own, "--", *flags)
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("time", ["90", "90:00", "1:30:00", "2-12", "2-12:30", "2-12:30:00"])
+def test_the_times_of_slurm_are_those_of_its_manual(
+    time: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    launch(monkeypatch, "slurm", "--run=p", f"--runs={tmp_path}", "--no-tls", f"--time={time}")
+    assert f"\n#SBATCH --time={time}\n" in (tmp_path / "p/slurm/actors.sh").read_text()
+
+
+@pytest.mark.parametrize(
+    ("engine", "edited", "own"),
+    [
+        ("slurm", "learner.sh", "actors.sh"),
+        ("kubernetes", "base/learner.yaml", "kustomization.yaml"),
+        ("compose", "compose.yaml", "compose.override.yaml"),
+    ],
+)
+def test_edits_of_the_files_of_an_engine_are_kept(
+    engine: str,
+    edited: str,
+    own: str,
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    flags = (engine, "--run=p", f"--runs={tmp_path}", "--no-tls")
+    place = tmp_path / "p" / engine
+    launch(monkeypatch, *flags)
+    first = capsys.readouterr().out
+    written = {path: path.read_bytes() for path in place.rglob("*") if path.is_file()}
+    launch(monkeypatch, *flags)
+    assert capsys.readouterr().out == first
+    assert {path: path.read_bytes() for path in place.rglob("*") if path.is_file()} == written
+    with (place / edited).open("a") as file:
+        file.write("# by hand\n")
+    launch(monkeypatch, *flags, "--actors=7")
+    told, _, rest = capsys.readouterr().out.partition("\n")
+    assert told.startswith(f"What was different in {place} before is kept as FILE.bak: ")
+    assert {*told.rpartition(": ")[2].removesuffix(".").split(", ")} == {edited, own}
+    assert rest == first
+    assert b"# by hand" not in (place / edited).read_bytes()
+    assert (place / f"{edited}.bak").read_bytes() == written[place / edited] + b"# by hand\n"
+    assert (place / f"{own}.bak").read_bytes() == written[place / own]
 
 
 class Job:
