@@ -19,6 +19,7 @@ from common.run.folder import JOURNAL, RunFolder
 from common.run.presets import PRESETS
 from common.run.stored_config import flag_of, flat
 from common.transport.access_control import MAX_SESSIONS
+from common.transport.leaky_bucket import ACTOR_QUOTA
 from learner.options import MAX_THREADS, LearnerOptions, resume_flags, run_name, stored_config
 
 _SET_HERE = ("listen", "connect", "certificates", "local", "resume", "actors", "envs", "evaluators")
@@ -145,6 +146,8 @@ class RunDescription:
         kept = self.folder.checkpoint.name
         if self.options.replay:
             begin += ["--patience", "inf"]
+            if self.learner.actor_quota != ACTOR_QUOTA:  # which the replay has
+                begin += ["--actor-quota", f"{ACTOR_QUOTA}"]
             # A learner that was ended while it waited for the replay has stored its settings and
             # nothing else, so the flags that begin the run are given again.
             return Program(
@@ -183,11 +186,11 @@ def describe(options: LaunchOptions, flags: Sequence[str]) -> RunDescription:
     runs = options.runs.absolute()
     own = [*(("--run", options.run) if options.run is not None else ()), "--runs", str(runs)]
     learner, _ = parse_run(LearnerOptions, "learner", [*own, *flags], stored_config)
-    learner.check()
     default = LearnerOptions(learner.config)
     for name in _SET_HERE:
         if getattr(learner, name) != getattr(default, name):
             raise InputError(f"--{name} is set by the launcher: omit it after `--`.")
+    learner.check()
     if learner.runs != runs or (options.run is not None and learner.run != options.run):
         raise InputError("--run and --runs are flags of the launcher: write them before `--`.")
     options.clock.check(learner.config.env)

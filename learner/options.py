@@ -118,6 +118,7 @@ class LearnerOptions(RunOptions):
             return  # the games' own processes check the rest
         if (flag := self.clock.robot_flag) and not self.local:
             raise InputError(f"{flag} is for --local: give it to each `python -m actors`.")
+        self._refuse_ignored()
         if self.steps is not None and self.steps <= self.config.replay.learning_starts:
             raise InputError(
                 f"--steps is {self.steps}, no more than the warm-up of "
@@ -161,6 +162,24 @@ class LearnerOptions(RunOptions):
         parts: tuple[Part, ...] = ("learner",) if self.connect else ("learner", "replay")
         for part in parts:
             folder.check_claim(part, self.config, resume=self.resume)
+
+    def _refuse_ignored(self) -> None:
+        """Refuses flags that have no effect beside the others, or without them."""
+        usual = LearnerOptions(self.config)
+        joins = self.connect is not None
+        for ignored, names, told in (
+            (
+                not self.local,
+                ("actors", "envs", "evaluators"),
+                "is for --local: omit it, and start actors by `ale-robot join`",
+            ),
+            (joins, ("listen",), "means nothing beside --connect: omit one of them"),
+            (joins, ("actor_quota",), "is for the replay at --connect: give it to that"),
+            (not joins, ("patience",), "is for a replay at --connect: omit it"),
+        ):
+            for name in names if ignored else ():
+                if getattr(self, name) != getattr(usual, name):
+                    raise InputError(f"--{name.replace('_', '-')} {told}.")
 
     def _check_algorithm(self) -> None:
         """Refuses settings that the algorithm ignores, unless nobody gave them."""

@@ -101,6 +101,7 @@ def test_no_flag_is_run_as_shell_text(monkeypatch: pytest.MonkeyPatch, tmp_path:
         ((), ("--learning.n-step=0",), "learning.n_step is 0"),
         ((), ("--local",), "--local is set by the launcher"),
         ((), ("--listen=tcp/0.0.0.0:1",), "--listen is set by the launcher"),
+        ((), ("--actors=3",), "--actors is set by the launcher"),
         ((), ("--run=q",), "write them before `--`"),
         (("--actors=0",), (), "--actors"),
         (("--actors=5000",), (), "--actors is 5000: choose at most 4096"),
@@ -343,6 +344,7 @@ def test_slurm_gives_a_replay_a_job_that_submits_the_others(
     where = f"--run p --runs {tmp_path}"
     assert f"\nbegin=({where} --restart 3 --preset fast --actor-quota 77)\n" in heads["replay"]
     learner = f"{where} --threads 4 --restart 3 --env ale --actor-quota=77 --patience inf"
+    learner += " --actor-quota 10000"
     assert f"\nbegin=({learner})\nresume=({learner} --resume)\n" in heads["learner"]
 
 

@@ -98,9 +98,8 @@ class Stage:
 
     def learner(self, *arguments: str) -> Program:
         # One thread: other tests and programs may want the cores too.
-        return self.start(
-            "-m", "learner", "--listen", self.endpoint, "--run", "r", "--threads=1", *arguments
-        )
+        place = () if "--connect" in arguments else ("--listen", self.endpoint)
+        return self.start("-m", "learner", *place, "--run", "r", "--threads=1", *arguments)
 
     def actor(self, name: str, *arguments: str) -> Program:
         return self.start(

@@ -112,6 +112,21 @@ QR = ("--learning.algorithm", "qr_dqn")
         ),
         (["--learning.curriculum-score", "9"], "judges a curriculum: give its --learning.curric"),
         (["--no-sync"], "--no-sync is for --local"),
+        (
+            ["--actors", "2"],
+            "--actors is for --local: omit it, and start actors by `ale",
+        ),
+        (["--envs", "2"], "--envs is for --local"),
+        (["--evaluators", "0"], "--evaluators is for --local"),
+        (
+            ["--connect", "tcp/h:1", "--listen", "tcp/0.0.0.0:1"],
+            "--listen means nothing beside --connect: omit one of them",
+        ),
+        (
+            ["--local", "--connect", "tcp/h:1", "--actor-quota", "9"],
+            "--actor-quota is for the replay at --connect: give it to that",
+        ),
+        (["--patience", "inf"], "--patience is for a replay at --connect: omit it"),
         (["--wait-action"], "--wait-action is for --local"),
         (["--local", "--env", "ale", "--no-sync"], "--no-sync is for a robot"),
         (["--local", "--env", "ale", "--wait-action"], "--wait-action is for a robot"),
@@ -120,6 +135,12 @@ QR = ("--learning.algorithm", "qr_dqn")
 def test_what_would_have_no_effect_is_refused(arguments: list[str], words: str) -> None:
     with pytest.raises(InputError, match=words):
         learner(*arguments)
+
+
+def test_what_has_an_effect_is_accepted() -> None:
+    learner("--local", "--actors=2", "--envs=2", "--evaluators=0", "--actor-quota=9")
+    learner("--connect", "tcp/h:1", "--patience=inf", "--local", "--actors=2")
+    learner("--listen", "tcp/0.0.0.0:1", "--actors=1")  # as usual
 
 
 def test_what_comes_from_the_initial_network_was_not_given(tmp_path: Path) -> None:
