@@ -17,7 +17,7 @@ from common.errors import InputError
 from common.run.clock import ClockConfig
 from common.run.origin import find_weights, origin_of
 from learner.evaluation import offline
-from learner.evaluation.options import EPSILON, EvaluationOptions
+from learner.evaluation.options import EPSILON, GAMES, EvaluationOptions
 from viewer.player import Played
 
 
@@ -64,10 +64,10 @@ load_policy = TrainedPolicy
 def evaluate(
     weights: str | Path,
     *,
-    games: int = EvaluationOptions.games,
+    games: int = GAMES,
     epsilon: float = EPSILON,
     seed: int = 1,
-    processes: int = EvaluationOptions.processes,
+    processes: int = 0,
 ) -> dict[str, Any]:
     """Plays whole games in several processes, as ``ale-robot evaluate`` does.
 

@@ -31,7 +31,7 @@ from common.run.clock import ClockConfig
 from common.run.config import RunConfig
 from common.run.folder import RunFolder
 from learner.evaluation.offline import evaluate
-from learner.evaluation.options import EvaluationOptions
+from learner.evaluation.options import GAMES, EvaluationOptions
 from learner.evaluation.snapshots import Snapshots
 
 _FROM_SUMMARY = (
@@ -57,7 +57,7 @@ class Options:
     """Path of both files, without suffix."""
     last: bool = False
     """Publish the last weights instead of those of the best test."""
-    games: FromOne = EvaluationOptions.games
+    games: FromOne = GAMES
     """Number of games in each evaluation of --headline."""
 
 

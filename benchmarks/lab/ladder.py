@@ -28,7 +28,7 @@ from common.checked import Fraction, FromOne
 from common.process.command_line import PRESENT_FLAGS
 from common.run.epochs import EpochRow, EpochTable
 from common.run.folder import RunFolder
-from learner.evaluation.options import EPSILON, EvaluationOptions
+from learner.evaluation.options import EPSILON, GAMES
 
 Rung = Literal["R1", "R2", "R3", "R4", "R5"]
 
@@ -74,7 +74,7 @@ class Options(TrainingOptions):
     """Preset of the run; compare only rungs with the same preset."""
     label: str = ""
     """Name of an ablation, where --learner changes settings of the rung."""
-    games: FromOne = EvaluationOptions.games
+    games: FromOne = GAMES
     """Number of games of each evaluation."""
     epsilon: Fraction = EPSILON
     """Share of random actions in each evaluation."""

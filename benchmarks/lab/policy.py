@@ -21,7 +21,7 @@ from common.run.config import RunConfig
 from common.run.epochs import EpochPhase, EpochRow
 from common.run.folder import RunFolder
 from common.run.origin import origin_of
-from learner.evaluation.options import EPSILON, EvaluationOptions
+from learner.evaluation.options import EPSILON, GAMES
 
 _MAX_OVER = 2_000
 """Agent steps that actors may play beyond a run's end before its learner has ended, besides a tenth
@@ -136,8 +136,8 @@ def evaluate(
 def headline(network: Path) -> list[dict[str, Any]]:
     """Returns the three evaluations of --headline, with as many games as usual; raises InputError
     as `evaluate` does."""
-    flags, games = ["--headline"], EvaluationOptions.games
-    found: list[dict[str, Any]] = evaluate(network, games, None, flags, quiet=True)["rows"]
+    flags = ["--headline"]
+    found: list[dict[str, Any]] = evaluate(network, GAMES, None, flags, quiet=True)["rows"]
     return found
 
 

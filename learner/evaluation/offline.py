@@ -93,7 +93,7 @@ def _rows(
     had been played."""
     measures = options.measures(config, trained)
     rows, played = [], 0
-    total = options.games * len(measures)
+    total = options.game_count * len(measures)
     begins = f"{total} games, {options.at_once} at a time; the time left follows with the first"
     with Progress("evaluating", total, begins) as progress:
         for number, measure in enumerate(measures, 1):
@@ -104,8 +104,8 @@ def _rows(
                 played += 1
                 if not console.is_terminal:  # a log lists the games one by one
                     console.print(f"game {played}: score {points(game['score'])}")
-                later = options.games * (len(measures) - number)
-                total = played + max(options.games - len(found), 0) + later
+                later = options.game_count * (len(measures) - number)
+                total = played + max(options.game_count - len(found), 0) + later
                 progress.update(played, total=total, note=f"{played} of {total} games")
             if stop.is_set():
                 break
@@ -153,7 +153,7 @@ def play(
         "--weights": options.evaluate,
         "--settings": to_json(config),
         "--epsilon": epsilon,
-        "--steps": -(-options.test_steps // count),
+        "--steps": -(-(options.test_steps or 0) // count),
         "--ending": ENDING,
     }
     lines: Queue[tuple[int, str | None]] = Queue()
@@ -161,7 +161,7 @@ def play(
     with ExitStack() as end:
         for at in range(count):
             own = {
-                "--games": options.games // count + (at < options.games % count),
+                "--games": options.game_count // count + (at < options.game_count % count),
                 "--seed": config.seed * 1_000 + at,
             }
             pairs = [str(part) for pair in (arguments | own).items() for part in pair]

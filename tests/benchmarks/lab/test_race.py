@@ -252,7 +252,7 @@ def test_a_whole_race_in_one_process(monkeypatch: pytest.MonkeyPatch, tmp_path: 
         assert given.evaluate is not None
         yield from games(
             config,
-            GamesOptions(given.evaluate, "", 800, epsilon, given.games),
+            GamesOptions(given.evaluate, "", 800, epsilon, given.game_count),
             stop,
         )
 

@@ -285,6 +285,9 @@ def test_what_a_headline_would_override_is_refused(program: Path) -> None:
         ({"headline": True}, r"--headline is for an evaluation \(--evaluate\): name a network"),
         ({"games": 5}, r"--games is for an evaluation"),
         ({"processes": 1}, r"--processes is for an evaluation"),
+        ({"games": 30}, r"--games is for an evaluation"),  # as many as without the flag
+        ({"processes": 0}, r"--processes is for an evaluation"),
+        ({"test_steps": 0}, r"--test-steps is for an evaluation"),
         ({"json": Path("x/y.json")}, r"--json is for an evaluation"),
         ({"test_steps": 6_000}, r"--test-steps is .*: give --protocol\.test-steps for the tests"),
         (
