@@ -22,7 +22,6 @@ from common.checked import FromOne
 from common.registry import ENVIRONMENTS
 from common.run.config import RunConfig
 from common.run.epochs import EpochTable
-from common.run.fit import SHAPING_SETTINGS
 from common.run.folder import RunFolder
 from common.run.presets import PRESETS
 from common.run.stored_config import flag_of, flat
@@ -69,8 +68,8 @@ def measure(options: Options) -> Report:
         "before": evaluate(options.network, options.games, options.epsilon, to),
     }
     fixed = ["--evaluators", "0", "--seed", f"{options.seed}"]
+    initial = ["--initial", str(options.network)]  # which gives the run its layers
     flags = [*training_flags(trained, options.steps), *fixed, *to]
-    initial = [] if folder.checkpoint.exists() else ["--initial", str(options.network)]
     train(folder, options.steps, [*flags, *shlex.split(options.learner), *initial])
     games["after"] = evaluate(folder.checkpoint, options.games, options.epsilon)
     curve = scores_of(EpochTable(folder.epochs).rows())
@@ -123,9 +122,7 @@ def training_flags(trained: RunConfig, steps: int) -> list[str]:
     world = {
         name: value
         for name, value in flat(trained).items()
-        if value != usual[name]
-        and name not in settings
-        and (name.startswith(_WORLD) or name in SHAPING_SETTINGS)
+        if value != usual[name] and name.startswith(_WORLD)
     }
     given = settings | ADAPTING | schedule | world
     return [word for name, value in given.items() for word in flag_of(name, value)]

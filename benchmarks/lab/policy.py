@@ -68,7 +68,7 @@ def train(folder: RunFolder, steps: int, flags: Sequence[str]) -> dict[str, Any]
                 f"{folder.path} has {trained:,} agent steps instead of {steps:,}, as a run of "
                 "another experiment: name another folder with --runs."
             )
-    resumed = ["--resume"] if folder.checkpoint.exists() else []
+    resumed = ["--resume"] if folder.config_file.exists() else []
     place = ["--run", folder.name, "--runs", str(folder.path.parent)]
     address = ["--listen", free_endpoint()]
     run_module("learner", "--local", *place, "--steps", f"{steps}", *resumed, *address, *flags)

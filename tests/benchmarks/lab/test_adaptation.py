@@ -31,9 +31,11 @@ def parsed(flags: Sequence[str]) -> RunConfig:
 
 @pytest.mark.parametrize("name", ["ale_pong", "robot_pong"])
 def test_a_training_has_the_world_and_the_network_of_the_policy(name: str) -> None:
-    trained = origin_of(POLICIES / f"{name}.safetensors")
+    network = POLICIES / f"{name}.safetensors"
+    trained = origin_of(network)
     assert trained is not None
-    config = parsed(adaptation.training_flags(trained, 20_000))
+    initial = ("--initial", str(network))
+    config = parsed([*adaptation.training_flags(trained, 20_000), *initial])
     assert (config.env, config.game, config.play) == (trained.env, trained.game, trained.play)
     assert config.camera == trained.camera
     assert config.learning.network == trained.learning.network
@@ -47,11 +49,11 @@ def test_settings_that_are_unlike_the_presets_are_flags() -> None:
     trained = replace(
         fast,
         play=replace(fast.play, vector=True, minimal_actions=False, press_latency=2),
-        learning=replace(fast.learning, network="nips", n_step=9),
+        learning=replace(fast.learning, n_step=9),
     )
     config = parsed(adaptation.training_flags(trained, 5_000))
-    assert (config.play, config.learning.network) == (trained.play, "nips")
-    assert config.learning.n_step == fast.learning.n_step  # no part of the network
+    assert config.play == trained.play
+    assert config.learning.n_step == fast.learning.n_step  # no part of the world
 
 
 class Lab:
@@ -126,17 +128,6 @@ def test_a_policy_that_never_plays_as_before_is_told(
     content = adapt(Lab([30.0, -20.0, 19.0]), monkeypatch, tmp_path)
     assert content["steps_to_own"] is None
     assert "did not come within two points" in capsys.readouterr().out
-
-
-def test_an_interrupted_training_goes_on_with_its_own_weights(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    folder = RunFolder(tmp_path, "adaptation")
-    folder.path.mkdir()
-    folder.checkpoint.touch()
-    lab = Lab([20.0, -20.0, 19.0])
-    adapt(lab, monkeypatch, tmp_path)
-    assert "--initial" not in lab.trained[0]
 
 
 def test_a_network_of_unknown_settings_is_refused(tmp_path: Path) -> None:

@@ -7,7 +7,9 @@ import pytest
 
 from benchmarks.lab import policy
 from common.errors import InputError
+from common.process.command_line import parse_run
 from common.run.folder import RunFolder
+from learner.options import LearnerOptions, stored_config
 
 
 @pytest.mark.parametrize("done", [300, 299])
@@ -41,3 +43,24 @@ def test_a_run_that_was_trained_for_longer_is_not_taken_for_a_shorter_one(
     folder.summary.write_text('{"agent_steps": 300160}')
     with pytest.raises(InputError, match=r"r has 300,160 agent steps instead of 100,000"):
         policy.train(folder, 100_000, [])
+
+
+def test_a_training_that_was_killed_before_its_first_checkpoint_goes_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = RunFolder(tmp_path, "r")
+    options: list[LearnerOptions] = []
+
+    def learner(module: str, *arguments: str) -> None:
+        asked, _ = parse_run(LearnerOptions, module, arguments, stored_config)
+        asked.check_here()
+        options.append(asked)
+        folder.summary.parent.mkdir(exist_ok=True)
+        folder.summary.write_text(json.dumps({"agent_steps": 300}))
+
+    monkeypatch.setattr(policy, "run_module", learner)
+    policy.train(folder, 300, ["--env", "ale"])
+    folder.claim("learner", options[0].config, resume=False)
+    folder.replay.mkdir()  # its ring was made, and then it was killed
+    policy.train(folder, 300, ["--env", "ale"])
+    assert [each.resume for each in options] == [False, True]
