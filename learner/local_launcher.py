@@ -4,7 +4,7 @@ from functools import partial
 
 from common.process.supervisor import Child, Supervisor
 from common.run.folder import RunFolder
-from learner.options import LearnerOptions
+from learner.options import LearnerOptions, local_names
 
 
 def launch(options: LearnerOptions, endpoint: str, folder: RunFolder) -> Supervisor:
@@ -14,8 +14,9 @@ def launch(options: LearnerOptions, endpoint: str, folder: RunFolder) -> Supervi
     their deadlines do not wait.
     """
     folder.logs.mkdir(parents=True, exist_ok=True)
-    roles = {f"actor-{i}": ["--envs", str(options.envs)] for i in range(1, options.actors + 1)}
-    roles |= {f"evaluator-{i}": ["--evaluator"] for i in range(1, options.evaluators + 1)}
+    actors, evaluators = local_names(options)
+    roles = {name: ["--envs", str(options.envs)] for name in actors}
+    roles |= {name: ["--evaluator"] for name in evaluators}
     common = ["--connect", endpoint, "--run", folder.name, *options.clock.flags()]
     if options.log_json:
         common.append("--log-json")

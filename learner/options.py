@@ -27,6 +27,7 @@ from common.run.origin import origin_of
 from common.run.presets import PRESETS
 from common.run.ranges import NOTHING_DRAWN
 from common.transport.access_control import MAX_SESSIONS
+from common.transport.credentials import check_certificates
 from common.transport.endpoint import DEFAULT_ENDPOINT, check_endpoint, from_here
 from learner.device import DeviceChoice, PrecisionChoice
 from learner.evaluation.options import EvaluationOptions
@@ -140,9 +141,10 @@ class LearnerOptions(RunOptions):
             self._check_algorithm()
 
     def check_here(self) -> None:
-        """Refuses flags whose packages this machine lacks, or that do not suit the run's folder.
+        """Refuses flags whose packages or certificates this machine lacks, or that do not suit the
+        run's folder.
 
-        `check` leaves this out, because the machine that launches a run may lack both.
+        `check` leaves this out, because the machine that launches a run may lack all of them.
 
         Raises:
             InputError: it names the flag.
@@ -157,6 +159,10 @@ class LearnerOptions(RunOptions):
         ):
             if given is not None and extra:
                 check_extra(flag, extra)
+        if self.local:
+            actors, evaluators = local_names(self)
+            for name in (*actors, *evaluators):
+                check_certificates(self.connect or self.listen, self.certificates, "actor", name)
         folder = RunFolder(self.runs, run_name(self))
         folder.check_place()
         parts: tuple[Part, ...] = ("learner",) if self.connect else ("learner", "replay")
@@ -218,6 +224,13 @@ def opening(options: LearnerOptions) -> str:
         size = sum(file.stat().st_size for file in folder.replay.glob("*"))
         replay = f"its replay ({size / 1e9:.2f} GB)"
     return f"going on with run {folder.name}: opening its checkpoint and {replay} ..."
+
+
+def local_names(options: LearnerOptions) -> tuple[list[str], list[str]]:
+    """Returns the names of local mode's actors, and those of its evaluators."""
+    roles = (("actor", options.actors), ("evaluator", options.evaluators))
+    actors, evaluators = ([f"{role}-{i}" for i in range(1, n + 1)] for role, n in roles)
+    return actors, evaluators
 
 
 def run_name(options: LearnerOptions) -> str:

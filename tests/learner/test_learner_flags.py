@@ -34,6 +34,7 @@ from learner.options import (
     run_name,
     stored_config,
 )
+from tests.certificates import certify
 
 
 def learner(*arguments: str) -> LearnerOptions:
@@ -312,6 +313,19 @@ def test_a_disk_that_nobody_may_write_to_is_told_and_left_as_it_is(
         learner(*flags).check_here()
     assert error.value.exit_code == NO_ROOM
     assert not list(tmp_path.iterdir())
+
+
+def test_an_actor_without_a_certificate_is_told_before_a_run_is_made(tmp_path: Path) -> None:
+    folder = certify(tmp_path / "certificates")
+    certify(folder, "--actors", "actor-1", "evaluator-1")
+    place = ("--listen", "tls/127.0.0.1:7447", "--certificates", str(folder))
+    flags = ("--local", "--runs", str(tmp_path / "runs"), "--run", "r", *place)
+    learner(*flags).check_here()
+    for more, missing in (("--actors=2", "actor-2"), ("--evaluators=2", "evaluator-2")):
+        with pytest.raises(InputError, match=rf"actors.txt does not list {missing}: make its cert"):
+            learner(*flags, more).check_here()
+    learner(*(flag for flag in flags if flag != "--local")).check_here()
+    assert not (tmp_path / "runs").exists()
 
 
 def test_what_the_runs_folder_refuses_is_a_line_of_json_too(
