@@ -2,10 +2,10 @@
 
 import shlex
 
+from common.process.http_endpoints import HTTP_PORT
+from common.transport.endpoint import DEFAULT_PORT
 from deploy.description import Program, RunDescription
 
-HUB_PORT = 7447
-HTTP_PORT = 9108
 _RUNS = "/runs"
 """Mount point of the volumes."""
 
@@ -45,11 +45,11 @@ def _command(run: RunDescription, program: Program) -> list[str]:
 
 
 def _listen(scheme: str) -> list[str]:
-    return ["--listen", f"{scheme}/0.0.0.0:{HUB_PORT}", *_certificates(scheme)]
+    return ["--listen", f"{scheme}/0.0.0.0:{DEFAULT_PORT}", *_certificates(scheme)]
 
 
 def _connect(run: RunDescription, scheme: str) -> list[str]:
-    return ["--connect", f"{scheme}/{run.hub}:{HUB_PORT}", *_certificates(scheme)]
+    return ["--connect", f"{scheme}/{run.hub}:{DEFAULT_PORT}", *_certificates(scheme)]
 
 
 def _certificates(scheme: str) -> list[str]:

@@ -16,6 +16,7 @@ from common.atomic_file import write_atomically
 from common.crc32 import crc32
 from common.errors import InputError, cannot_read, writing
 from common.regular_file import read_file
+from common.run.folder import CHECKPOINT
 
 Entry = dict[str, Any]
 _MARK = b',"crc":'
@@ -49,7 +50,7 @@ def damaged(path: Path, how: str) -> InputError:
     """Returns the error that says that a replay's file is damaged."""
     return InputError(
         f"{path} is damaged {how}: put it back from a copy, or begin another run, with "
-        f"this one's network by --initial {path.parent.parent / 'checkpoint.safetensors'}."
+        f"this one's network by --initial {path.parent.parent / CHECKPOINT}."
     )
 
 

@@ -25,6 +25,7 @@ from common.protocol.step_fields import STEP_FIELDS, Column, Flag, bit_of, drawn
 from common.run.config import RunConfig
 from replay.batch import Batch, SharedBatch
 from replay.columns import Columns
+from replay.samplers import Ids
 
 TERMINATED, TRUNCATED, VALID = map(bit_of, ("terminated", "truncated", "valid"))
 STEP = 8
@@ -32,8 +33,6 @@ STEP = 8
 
 _BLOCK = 65_536
 """Number of ids that are followed at a time: those of a whole ring take 100 MB."""
-
-Ids = NDArray[np.int64]
 
 
 class Placement(NamedTuple):

@@ -14,10 +14,12 @@ from common.process.http_page import Page
 from common.transport.endpoint import host_and_port, is_loopback
 
 _log = logging.getLogger(__name__)
+HTTP_PORT = 9108
+"""Usual port of ``--http``."""
 
 
 def check_address(
-    address: str, flag: str = "--http", usual: str = "127.0.0.1:9108", least_port: int = 1
+    address: str, flag: str = "--http", usual: str = f"127.0.0.1:{HTTP_PORT}", least_port: int = 1
 ) -> tuple[str, int]:
     """Returns host and port. Raises InputError if it is not an address.
 

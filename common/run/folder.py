@@ -33,6 +33,9 @@ def kept_networks(snapshots: Path) -> dict[int, Path]:
     return dict(sorted((int(name), path) for name, path in names.items() if name.isdecimal()))
 
 
+_CONFIG = "config.json"
+CHECKPOINT = "checkpoint.safetensors"
+"""Name of the file, in a run's folder, that has the learner's whole state."""
 JOURNAL = "journal.jsonl"
 """Name of the file, in a replay's folder, that records what was accepted and evicted."""
 Part = Literal["learner", "replay"]
@@ -46,13 +49,13 @@ class RunFolder:
     def __init__(self, runs: Path, name: str) -> None:
         self.name = check_name("run", name)
         self.path = path = runs / name
-        self.config_file = path / "config.json"
+        self.config_file = path / _CONFIG
         """The `RunConfig`, written once."""
         self.initial = path / "initial.safetensors"
         """The weights with which the run began, if they were given."""
         self.demonstrations = path / "demonstrations.json"
         """The recording with which its replay began, if there was one."""
-        self.checkpoint = path / "checkpoint.safetensors"
+        self.checkpoint = path / CHECKPOINT
         """The learner's whole state."""
         self.previous = path / "checkpoint.previous.safetensors"
         """The checkpoint before that."""
@@ -84,7 +87,7 @@ class RunFolder:
         """Returns the run whose folder is ``path``; None if it is not the folder of a run."""
         if path.name in ("", ".."):  # as ".", in the folder itself
             path = path.resolve()
-        return cls(path.parent, path.name) if (path / "config.json").is_file() else None
+        return cls(path.parent, path.name) if (path / _CONFIG).is_file() else None
 
     def stored_config(self) -> RunConfig | None:
         """Returns the configuration with which the run was started; None for a new run. Raises
@@ -108,7 +111,7 @@ class RunFolder:
         """
         stored = self.stored_config()
         if resume and stored is None:
-            runs = [path.parent.name for path in self.path.parent.glob("*/config.json")]
+            runs = [path.parent.name for path in self.path.parent.glob(f"*/{_CONFIG}")]
             hint = choice(self.name, runs, "start it without --resume.")
             raise InputError(f"there is no run in {self.path} to resume: {hint}")
         if not resume and self._has_started(part):

@@ -7,7 +7,8 @@ import socket
 from common.errors import InputError
 
 _LAST_PORT = 65_535
-DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
+DEFAULT_PORT = 7447
+DEFAULT_ENDPOINT = f"tcp/127.0.0.1:{DEFAULT_PORT}"
 _ADDRESS = re.compile(r"(\[[0-9a-fA-F:]+\]|[^\[\]:/\s]+):(\d{1,9})")
 
 
