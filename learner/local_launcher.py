@@ -13,7 +13,6 @@ def launch(options: LearnerOptions, endpoint: str, folder: RunFolder) -> Supervi
     In lockstep they have a lower priority than the learner. In real time they do not, because
     their deadlines do not wait.
     """
-    folder.logs.mkdir(parents=True, exist_ok=True)
     actors, evaluators = local_names(options)
     roles = {name: ["--envs", str(options.envs)] for name in actors}
     roles |= {name: ["--evaluator"] for name in evaluators}

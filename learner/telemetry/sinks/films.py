@@ -108,7 +108,6 @@ class FilmsSink(Sink):
 
     def _begin_film(self) -> Child:
         self._making.mkdir(parents=True, exist_ok=True)
-        self.folder.logs.mkdir(parents=True, exist_ok=True)
         self._video = self._making / self._file(self._epoch.number).name
         return Child(
             *(self.module, "film", *self._policy(), "--video", str(self._video)),
