@@ -26,7 +26,7 @@ from common.errors import InputError, choice
 from common.games import MINIMAL_ACTIONS, check_game
 from common.pinned_file import path_of
 from common.proprioception import vector_width
-from common.run.conditions import SETTINGS_OF_A_ROBOT, PlayConfig
+from common.run.conditions import SETTINGS_OF_A_ROBOT, LatencyModelSettings, PlayConfig
 
 if TYPE_CHECKING:
     from common.run.config import LearningConfig, PresetName, RunConfig
@@ -201,7 +201,13 @@ ROBOTS = Registry(
     "robot",
     RobotKind("nao", "actors.robots.nao.robot:Nao", joints=8),
     RobotKind("robotroller", "actors.robots.robotroller.robot:Robotroller", joints=3),
-    RobotKind("FILE.npz", "actors.robots.latency_model.robot:ModelledNao", joints=8, prompt=False),
+    RobotKind(
+        "FILE.npz",
+        "actors.robots.latency_model.robot:ModelledNao",
+        joints=8,
+        prompt=False,
+        settings=LatencyModelSettings,
+    ),
 )
 
 ALGORITHMS = Registry(

@@ -3,7 +3,7 @@
 from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import numpy as np
 import tyro
@@ -45,10 +45,8 @@ class Played:
     robot: str | None = None
     """Robot: 'nao' by default, 'robotroller', a registered one, or FILE.npz, a latency model of the
     hands."""
-    model_rate: Annotated[Literal[30, 60] | None, tyro.conf.arg(name="play.model-rate")] = None
-    """Commands that a latency model takes per second; by default 30, or as in training."""
     robot_settings: Annotated[str | None, tyro.conf.arg(name="play.robot-settings")] = None
-    """Settings that a registered robot declares for itself, such as 'reach=0.4 fingers=2'."""
+    """Settings that a robot declares for itself, such as 'rate=60' of a latency model."""
     env_settings: Annotated[str | None, tyro.conf.arg(name="play.env-settings")] = None
     """Settings that a registered environment declares for itself, such as 'lamps=4'."""
     seed: Annotated[int, Ge(0), Lt(MAX_SEED)] | None = None
@@ -84,7 +82,6 @@ class Played:
             config.play,
             minimal_actions=self.minimal_actions or config.play.minimal_actions,
             robot=self.robot or config.play.robot,
-            model_rate=self.model_rate or config.play.model_rate,
             robot_settings=ROBOT.going_on(flat(config), given),
             env_settings=ENVIRONMENT.going_on(flat(config), given),
         )

@@ -21,7 +21,7 @@ from common.actions import KEYS_OF_ACTION, Keys
 from common.checked import FromOne
 from common.games import MINIMAL_ACTIONS, SCREEN_SHAPE, check_game
 from common.registry import ROBOTS
-from common.run.conditions import MAX_ADDED, MAX_GAP, CameraConfig, PlayConfig
+from common.run.conditions import MAX_ADDED, MAX_GAP, CameraConfig, LatencyModelSettings, PlayConfig
 
 _TOLD = ("latency", "gap", "model_rate", "game", "steps", "seed")
 
@@ -38,8 +38,8 @@ class Options(BenchmarkOptions):
     later."""
     gap: Annotated[int, Ge(0), Le(MAX_GAP)] = 0
     """Gap of the schedule between two keys, emulator frames (--play.equal-gap)."""
-    model_rate: Literal[30, 60] = 30
-    """Commands that a latency model takes per second (--play.model-rate)."""
+    model_rate: Literal[30, 60] = LatencyModelSettings.rate
+    """Commands that a latency model takes per second."""
     game: str = "pong"
     """Game whose own actions are commanded."""
     steps: FromOne = 5_000
@@ -57,10 +57,9 @@ class Options(BenchmarkOptions):
 def measure(options: Options) -> Report:
     keys = [KEYS_OF_ACTION[action] for action in MINIMAL_ACTIONS[options.game]]
     rows = []
-    play = PlayConfig(model_rate=options.model_rate)
     # All are made at once: an unknown or damaged one is told before the minutes of the others.
     robots = [
-        ROBOTS.make(name, SCREEN_SHAPE, CameraConfig(), replace(play, robot=name))
+        ROBOTS.make(name, SCREEN_SHAPE, CameraConfig(), _play(name, options.model_rate))
         for name in options.robots
     ]
     told = [random_commands(keys, every, options.steps, options.seed) for every in options.every]
@@ -83,6 +82,11 @@ def measure(options: Options) -> Report:
         rows,
         {name: getattr(options, name) for name in _TOLD},
     )
+
+
+def _play(robot: str, model_rate: int) -> PlayConfig:
+    play = PlayConfig(robot=robot)
+    return replace(play, robot_settings=f"rate={model_rate}") if play.latency_model else play
 
 
 def _exact_hands() -> Hands:

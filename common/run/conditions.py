@@ -36,6 +36,14 @@ Gain = Annotated[float, Ge(0.05), Le(2)]
 
 
 @dataclass(frozen=True)
+class LatencyModelSettings:
+    """Settings that a latency model declares for itself; its file does not tell them."""
+
+    rate: Literal[30, 60] = 30
+    """Commands that it takes per second."""
+
+
+@dataclass(frozen=True)
 class PlayConfig:
     """Game, observation and hands; the defaults are the 2017 settings."""
 
@@ -79,12 +87,9 @@ class PlayConfig:
     with a latency model in place of its hands, in the format of Physical Atari. The emulator alone
     follows such a model too. The run stores the file's SHA-256; each process needs the same
     file."""
-    model_rate: Literal[30, 60] = 30
-    """Commands that a latency model of --robot FILE.npz takes per second. Such a file does not tell
-    its own rate."""
     robot_settings: LongText = ""
-    """Settings that a registered robot declares for itself, such as 'reach=0.4 fingers=2'; the
-    help of all flags lists them beside --robot NAME."""
+    """Settings that a robot declares for itself, such as 'rate=60' of a latency model; the help of
+    all flags lists them beside --robot NAME."""
     env_settings: LongText = ""
     """Settings that a registered environment declares for itself, such as 'lamps=4'; the help of
     all flags lists them beside --env NAME."""

@@ -13,6 +13,7 @@ from dataclasses import MISSING, asdict, fields
 from typing import Any, Literal, NamedTuple, TypeVar, get_args, get_origin, get_type_hints
 
 from common.errors import InputError, choice
+from common.pinned_file import path_of
 from common.registry import ALGORITHMS, ENVIRONMENTS, ROBOTS, SAMPLERS, Entry, Registry
 from common.run.stored_config import from_mapping
 
@@ -31,7 +32,8 @@ class Extension(NamedTuple):
     def going_on(self, before: Mapping[str, Any], given: Mapping[str, str | None]) -> str:
         """Returns its own settings, which go on from those ``before``: what is not ``given`` stays,
         unless another extension or an empty text is. Both are settings by their full names."""
-        same = given.get(self.name) in (None, before.get(self.name))
+        now, former = given.get(self.name), str(before.get(self.name))
+        same = now is None or path_of(now) == path_of(former)  # a stored path has a hash
         kept = before.get(self.text, "") if same else ""
         return merged(kept, given.get(self.text), self.text)
 

@@ -169,12 +169,12 @@ def test_a_robots_own_settings_go_over_those_of_the_run(tmp_path: Path) -> None:
             Played(robot_settings="depth=x").config(weights)
 
 
-def test_a_latency_models_rate_goes_over_that_of_the_run(tmp_path: Path) -> None:
-    play = replace(PRESETS["robot"].play, model_rate=60)
+def test_a_latency_model_named_again_keeps_its_rate(tmp_path: Path) -> None:
+    hashed = f"m.npz#sha256={'0' * 64}"
+    play = replace(PRESETS["robot"].play, robot=hashed, robot_settings="rate=60")
     weights = in_run(tmp_path, replace(PRESETS["robot"], play=play), 6)
-    assert Played().config(weights).play.model_rate == 60
-    assert Played(model_rate=30).config(weights).play.model_rate == 30
-    assert Played().config().play.model_rate == 30
+    for robot, settings in (("m.npz", "rate=60"), ("other.npz", "")):
+        assert Played(robot=robot).config(weights).play.robot_settings == settings
 
 
 def test_what_is_played_comes_from_the_run_of_the_weights(tmp_path: Path) -> None:

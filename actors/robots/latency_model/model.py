@@ -7,7 +7,8 @@ import numpy as np
 
 from actors.robots.latency_model.weights import ACTIONS, COMMANDS, ROW, ModelWeights, read_weights
 from common.actions import KEYS_OF_ACTION, Keys, action_of_keys
-from common.run.conditions import FRAMES_PER_SECOND, PlayConfig
+from common.run.conditions import FRAMES_PER_SECOND, LatencyModelSettings, PlayConfig
+from common.run.own_settings import own_settings
 
 _NOTHING = (0, ACTIONS)
 
@@ -32,7 +33,8 @@ class LatencyModel:
     @classmethod
     def of_play(cls, play: PlayConfig) -> Self:
         """Returns the model in the file ``play.robot``; see `read_weights`."""
-        return cls(read_weights(play.robot), play.model_rate)
+        settings = own_settings(LatencyModelSettings, play.robot_settings)
+        return cls(read_weights(play.robot), settings.rate)
 
     @property
     def held(self) -> Keys:

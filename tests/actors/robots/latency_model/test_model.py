@@ -89,7 +89,7 @@ def test_equal_values_give_the_first_action() -> None:
 def test_its_latency_is_measured_as_of_any_hands(tmp_path: Path) -> None:
     for rate, frames in ((30, 11), (60, 6)):
         robot = saved(tmp_path / "m.npz", delay(5))
-        model = LatencyModel.of_play(PlayConfig(robot=robot, model_rate=rate))  # type: ignore[arg-type]
+        model = LatencyModel.of_play(PlayConfig(robot=robot, robot_settings=f"rate={rate}"))
         found = list(changes(model, 1, 0))
         latency = Latency.of(found)
         assert latency.p50_ms == latency.p99_ms == pytest.approx(frames * FRAME_MS)
