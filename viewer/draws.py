@@ -64,10 +64,11 @@ class Draws(Played):
         print(f"wrote {self.output}")
 
     def _drawn(self) -> RunConfig:
-        usual, ranges = self.config(), self.randomise
-        if ranges == all_ranges("robot"):
-            ranges = all_ranges(usual.env)
-        return replace(usual, randomise=ranges)
+        usual, published = self.config(), vars(all_ranges("robot"))
+        given = {
+            name: value for name, value in vars(self.randomise).items() if value != published[name]
+        }
+        return replace(usual, randomise=replace(all_ranges(usual.env), **given))
 
 
 def games(config: RunConfig, count: int, stop: threading.Event) -> list[NDArray[np.uint8]]:

@@ -26,6 +26,11 @@ def test_all_ranges_are_drawn_but_for_what_is_given() -> None:
     assert found.randomise.gamma == all_ranges("robot").gamma
 
 
+def test_one_range_may_be_given_without_a_robot_which_has_others(tmp_path: Path) -> None:
+    flags = ["--env", "ale", "--randomise.gamma", "1.2", "-o", str(tmp_path / "d.png")]
+    parse(COMMANDS["draws"], "viewer", flags).check()
+
+
 @pytest.mark.parametrize(("env", "tall"), [("robot", 436), ("ale", 436)])
 def test_the_first_game_is_the_usual_one_and_the_others_differ(
     env: str, tall: int, tmp_path: Path
