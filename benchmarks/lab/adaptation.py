@@ -69,9 +69,10 @@ def measure(options: Options) -> Report:
     }
     fixed = ["--evaluators", "0", "--seed", f"{options.seed}"]
     initial = ["--initial", str(options.network)]  # which gives the run its layers
-    flags = [*training_flags(trained, options.steps), *fixed, *to]
-    train(folder, options.steps, [*flags, *shlex.split(options.learner), *initial])
-    games["after"] = evaluate(folder.checkpoint, options.games, options.epsilon)
+    flags = [*training_flags(trained, options.steps), *fixed, *to, *shlex.split(options.learner)]
+    train(folder, options.steps, [*flags, *initial])
+    # The world again: an evaluation draws only from the ranges that its own flags name.
+    games["after"] = evaluate(folder.checkpoint, options.games, options.epsilon, to)
     curve = scores_of(EpochTable(folder.epochs).rows())
     reached = first_at(curve, games["own"]["mean"] - _NEAR)
     rows = [

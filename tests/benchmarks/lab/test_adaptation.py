@@ -105,17 +105,18 @@ def test_report(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     lab = Lab([20.5, -20.0, 19.0])
-    content = adapt(lab, monkeypatch, tmp_path)
+    content = adapt(lab, monkeypatch, tmp_path, "--learner=--threads 1")
     to = ("--play.press-latency", "4")
     assert lab.played == [
         ("ale_pong.safetensors", ()),
         ("ale_pong.safetensors", to),
-        ("checkpoint.safetensors", ()),
+        ("checkpoint.safetensors", to),
     ]
     (flags,) = lab.trained
     assert flags[0] == "2000"
     assert flags[-2:] == ["--initial", str(POLICIES / "ale_pong.safetensors")]
     assert "--play.press-latency" in flags
+    assert content["flags"].split() == flags[1:-2]  # those of --learner too
     assert [content[name]["mean"] for name in ("own", "before", "after")] == [20.5, -20.0, 19.0]
     assert content["steps_to_own"] == 1_500  # the first at 18.5 or more
     assert [point["minutes"] for point in content["curve"]] == [2.0, 4.0, 6.0, 8.0]
