@@ -47,7 +47,7 @@ def certify_actors(folder: Path, host: str, names: Sequence[str]) -> None:
 
 def _lasts(file: Path, host: str | None = None) -> bool:
     """Whether ``file`` is a certificate, for ``host`` if given, that does not end soon."""
-    with suppress(FileNotFoundError, ValueError):
+    with suppress(FileNotFoundError, ValueError, x509.ExtensionNotFound):
         found = x509.load_pem_x509_certificate(file.read_bytes())
         names = found.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
         right = host is None or host in names.get_values_for_type(x509.DNSName)

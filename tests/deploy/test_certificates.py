@@ -34,6 +34,17 @@ def test_certificates_that_end_soon_are_made_anew_and_who_was_shut_out_stays_out
         before = now
 
 
+def test_a_hubs_certificate_without_names_is_made_anew(tmp_path: Path) -> None:
+    """As of a program that writes the host as the common name alone."""
+    make_certificates(tmp_path, "localhost")
+    nameless = tmp_path / "hub.pem"
+    words = f"openssl req -x509 -subj /CN=localhost -days 99 -key {tmp_path}/hub-key.pem"
+    subprocess.run([*words.split(), "-out", str(nameless)], check=True)
+    before = nameless.read_bytes()
+    ensure_certificates(tmp_path, "localhost")
+    assert nameless.read_bytes() != before
+
+
 @pytest.mark.parametrize("asked", [("localhost",), ("--actors", "robot-2"), ("--runs", "other")])
 def test_a_machine_without_the_authoritys_key_makes_no_authority(
     tmp_path: Path, asked: tuple[str, ...]
