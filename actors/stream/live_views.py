@@ -2,7 +2,8 @@
 
 import time
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 import cv2
@@ -85,12 +86,12 @@ class LiveViews:
     def _view(self, step: Step, viewpoint: Viewpoint) -> LiveView:
         env = self._envs[step.stream]
         room = border = game = None
-        picture = self._picture(env)
+        picture = self._picture(lambda: env.seen)
         if isinstance(env, RobotEnv):
             game = env.detection.corners
             border = None if game is None else border_of(game)
             if viewpoint != "none":
-                room = env.view(*_ROOM, viewpoint)
+                room = self._picture(partial(env.view, *_ROOM, viewpoint))
         values = self._policy.q_values(step.s_tm1[None], step.x_tm1[None])[0]
         return LiveView(
             streams=len(self._envs),
@@ -110,10 +111,10 @@ class LiveViews:
             chosen=step.a_tm1,
         )
 
-    def _picture(self, env: ShownEnv[Any, Any]) -> NDArray[np.uint8] | None:
-        """Returns what ``env`` shows; None if it cannot, which is told once."""
+    def _picture(self, take: Callable[[], NDArray[np.uint8]]) -> NDArray[np.uint8] | None:
+        """Returns the picture that ``take`` returns; None if it fails, which is told once."""
         try:
-            return env.seen
+            return take()
         except Exception as error:  # of any kind, as without a display: play goes on
             if not self._failed:
                 self._failed = True

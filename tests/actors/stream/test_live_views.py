@@ -172,6 +172,28 @@ def test_an_actor_that_cannot_render_plays_on(
     assert told.count("no picture") == 1
 
 
+def test_an_actor_whose_robot_cannot_be_seen_from_outside_plays_on(
+    hub: Transport,
+    client: Transport,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    def no_view(*_: object, **__: object) -> None:
+        raise OSError("the camera in the room is unplugged")
+
+    env = RobotEnv(play=PLAY)
+    monkeypatch.setattr(env.robot, "view", no_view)
+    stage = Stage(hub, client, env)
+    answer = stage.ask(viewpoint="room")
+    for _ in stage.steps(answer):
+        pass
+    view = LiveView.decode(answer.result().payload)
+    assert view.room == b""
+    assert decoded(view.picture).shape == (240, 320, 3)
+    assert "a: no picture is shown: the camera in the room" in capsys.readouterr().err
+    env.close()
+
+
 def test_nothing_is_drawn_while_nobody_looks(
     hub: Transport, client: Transport, monkeypatch: pytest.MonkeyPatch
 ) -> None:
