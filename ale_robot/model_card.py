@@ -48,6 +48,7 @@ def model_card(name: str, card: Mapping[str, Any], config: RunConfig, repository
         InputError: huggingface_hub is not installed.
     """
     play, env = config.play, ENVIRONMENTS.find(config.env)
+    felt = "commands, keys and joints" if env.robot and play.vector_joints else "commands and keys"
     identity = env_id(config.game, robot=env.robot) if env.atari else env.name
     rows = [
         (row["epsilon"], row["sticky"], f"{row['mean']:.2f} ± {row['deviation']:.2f}", row["games"])
@@ -58,7 +59,7 @@ def model_card(name: str, card: Mapping[str, Any], config: RunConfig, repository
         game=config.task.replace("_", " ").title(),
         how="a robot's camera and hands" if env.robot else "its own frames, without a body",
         input=f"the last {play.frame_stack} frames of 84×84 pixels"
-        + (", its commands, keys and joints" if play.vector else ""),
+        + (f", its {felt}" if play.vector else ""),
         actions="the game's own actions" if play.minimal_actions else "all 18 actions",
         trained="fine-tuned from another network" if card.get("initial") else "trained",
         steps=card["agent_steps"],

@@ -18,7 +18,7 @@ _LEGEND = """\
 ε: mean score with that share of random actions
 sticky: mean score if the console repeats the last action with that probability
 25 worlds: mean/worst of worlds with other latencies, light, poses and pictures
-vector: commands, keys and joints, beside the frames of camera or emulator
+vector: commands and keys, of some joints too, beside the frames
 
 Watch one: ale-robot watch NAME"""
 

@@ -162,6 +162,10 @@ def test_the_card_tells_of_other_worlds_where_they_were_played(hub: Hub, pushed:
     words = f"its mean score is {sum(means) / 25:.2f}, and {min(means):.2f} in the worst"
     assert f"In 25 other worlds, with 10 games each, {words}" in told
     assert "the worst: hands up to 200 ms later" in told
+    assert "pixels, its commands and keys, and chooses" in told  # it feels no joints
+    Push("robot_pong", REPOSITORY).run()
+    told = " ".join(hub.files["README.md"].decode().split())
+    assert "pixels, its commands, keys and joints, and chooses" in told
 
 
 def test_a_private_repository_is_asked_for(hub: Hub) -> None:
