@@ -16,7 +16,7 @@ def launch(run: RunDescription) -> str:
     """Writes the files, and returns what to do with them."""
     options, place = run.options, run.folder.path / "compose"
     if options.gpus > 0:
-        raise InputError("--gpus is for slurm and kubernetes: omit it, and see deploy/README.md.")
+        raise InputError("--gpus has no effect on compose: omit it, and see deploy/README.md.")
     learner, actor, evaluator = (
         learner_command(run, "127.0.0.1", "tcp"),
         actor_command(run, "tcp"),
