@@ -55,7 +55,7 @@ class Options(BenchmarkOptions):
 
 
 def against_ours(work: str, rates: Mapping[str, list[float]]) -> list[dict[str, Any]]:
-    """Returns a row for each of ``rates`` but ``ours``, compared with ours turn by turn.
+    """Returns a row for each of ``rates`` but ``ours``, with the ratio of the medians.
 
     Rates are per second.
     """

@@ -34,7 +34,7 @@ _MAX_FRAMES = 7
 places only."""
 _WHIMS = 0.1
 """Probability, at each agent step, of a random action that is then held for a while."""
-_MAX_HELD = 8
+_MAX_HELD = 7
 """Maximum number of agent steps for which it is held."""
 
 
@@ -66,7 +66,7 @@ def collect(count: int, eye: Eye, seed: int) -> Frames:
             begin_game(room, eye, NOTHING_DRAWN, rng)
             detector = ScreenDetector(room.camera.distortion)
         if left == 0 and rng.random() < _WHIMS:
-            held, left = int(rng.integers(18)), int(rng.integers(1, _MAX_HELD))
+            held, left = int(rng.integers(18)), int(rng.integers(1, _MAX_HELD + 1))
         if left:
             action, left = held, left - 1
         else:
