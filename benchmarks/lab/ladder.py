@@ -124,6 +124,7 @@ def row_of(
         "game": options.game,
         "seed": seed,
         "flags": shlex.join(options.flags(seed)),
+        "wall_seconds": summary["wall_seconds"],  # of the training, not of the games
         "cpu": summary["machine"]["cpu"],
         "cores": summary["machine"]["cores"],
         "note": "",

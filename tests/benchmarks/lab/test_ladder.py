@@ -73,6 +73,13 @@ def test_a_row_tells_when_the_training_games_first_had_a_mean() -> None:
     assert breakout["steps_to_human"] is None  # those are Pong's
 
 
+def test_a_rows_wall_clock_is_that_of_the_training() -> None:
+    trained: dict[str, Any] = dict.fromkeys(COLUMNS)
+    trained |= {"machine": {"cpu": "one", "cores": 2}, "wall_seconds": 7_200.0}
+    row = row_of(Options("R5"), 1, trained, {"wall_seconds": 90.0, "mean": 20.5}, [])
+    assert (row["wall_seconds"], row["mean"]) == (7_200.0, 20.5)
+
+
 def test_rows_are_added_below_one_heading(tmp_path: Path) -> None:
     path = tmp_path / "ladder.csv"
     for seed in (1, 2):
