@@ -7,7 +7,7 @@ that no longer exists.
 
 import csv
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -37,12 +37,14 @@ def sources(folder: Path) -> Iterator[Source]:
 
 
 def _of_json(file: str, part: str, content: Any) -> Iterator[Source]:
-    if not isinstance(content, dict):
-        return
-    if content.get("git_commit"):
-        commit, dirty = content["git_commit"], content.get("git_dirty")
-        yield Source(file, part, commit, dirty, content.get("note", ""))
-    for name, inner in content.items():
+    if isinstance(content, dict):
+        if content.get("git_commit"):
+            commit, dirty = content["git_commit"], content.get("git_dirty")
+            yield Source(file, part, commit, dirty, content.get("note", ""))
+        parts: Iterable[tuple[Any, Any]] = content.items()
+    else:  # runs and cells, each of a commit of its own
+        parts = enumerate(content, 1) if isinstance(content, list) else ()
+    for name, inner in parts:
         yield from _of_json(file, f"{part} {name}".strip(), inner)
 
 

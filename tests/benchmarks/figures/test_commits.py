@@ -108,7 +108,8 @@ def test_a_row_has_the_flags_that_its_label_promises() -> None:
 def test_every_result_that_names_a_commit_is_found(tmp_path: Path) -> None:
     origin = {"git_commit": "a" * 40, "git_dirty": False}
     inner = {"git_commit": "b" * 40, "git_dirty": True}
-    content = {"rungs": {"R1": inner, "R2": {}}, "rows": [1], **origin}
+    runs = [{**origin, "tests": [1]}, inner]
+    content = {"rungs": {"R1": inner, "R2": {}}, "rows": [1], "runs": runs, **origin}
     (tmp_path / "one.json").write_text(json.dumps(content))
     (tmp_path / "ladder.csv").write_text(
         "rung,label,game,seed,git_commit,git_dirty,note\n"
@@ -123,10 +124,12 @@ def test_every_result_that_names_a_commit_is_found(tmp_path: Path) -> None:
         Source("late.csv", "net", "d" * 40, None, ""),
         Source("one.json", "", "a" * 40, False, ""),
         Source("one.json", "rungs R1", "b" * 40, True, ""),
+        Source("one.json", "runs 1", "a" * 40, False, ""),
+        Source("one.json", "runs 2", "b" * 40, True, ""),
     ]
     page = render("<!-- not reproducible -->\n<!-- end -->\n", tmp_path)
     assert page.splitlines()[3:-1] == [
         "| ladder.csv | R2, x, pong, 1 | ccccccc+ | a note; tracked files differed |",
         "| late.csv | net | ddddddd | unknown whether tracked files differed |",
-        "| one.json | rungs R1 | bbbbbbb+ | tracked files differed |",
+        "| one.json | rungs R1; runs 2 | bbbbbbb+ | tracked files differed |",
     ]
