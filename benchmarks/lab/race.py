@@ -124,6 +124,7 @@ def _train(options: Options, seed: int) -> dict[str, Any]:
         "steps_per_second": summary["agent_steps"] / summary["wall_seconds"],
         "updates_per_second": summary["updates"] / summary["wall_seconds"],
         "training": _reached(training),
+        "test": _reached([]),  # until weights have played
         "tests": [
             {
                 "epoch": row.epoch,

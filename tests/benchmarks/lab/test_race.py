@@ -55,6 +55,7 @@ class Lab:
         self.played: list[tuple[str, int, float | None]] = []
         self.left = 10**6
         self.steps = 2_100
+        self.epochs = tuple(TESTS)
 
     def train(self, folder: RunFolder, steps: int, flags: Sequence[str]) -> dict[str, Any]:
         self.trained.append(folder.name)
@@ -76,7 +77,7 @@ class Lab:
         folder.epochs.unlink(missing_ok=True)
         table = EpochTable(folder.epochs)
         table.append(epoch_row([1.0], phase="random"))
-        for epoch in TESTS:
+        for epoch in self.epochs:
             times = {"total_train_steps": 500 * epoch, "total_time": 12.0 * epoch}
             table.append(epoch_row([1.0], epoch=epoch, phase="train", **times))
         return summary_of_all(folder, steps)
@@ -162,6 +163,15 @@ def test_a_race_tells_when_each_score_was_first_reached(
     said = " ".join(capsys.readouterr().out.split())
     for words in ("2 of 2, about 0 min left: seed 4", "0.6 min, 1,600", "20.0 ± 1.0"):
         assert words in said
+
+
+def test_a_run_that_ends_within_its_first_epoch_has_no_tests(
+    lab: Lab, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    lab.epochs = ()
+    (only,) = raced(tmp_path, "--seeds", "1")["runs"]
+    assert (only["tests"], only["test"]) == ([], {"0": None, "9.3": None, "18": None})
+    assert "20.0 ± 1.0" in capsys.readouterr().out  # of its last weights
 
 
 def test_an_interrupted_race_goes_on(lab: Lab, tmp_path: Path) -> None:
