@@ -127,7 +127,9 @@ class LatencyEqualiser:
             if keys & changed
         ]
         ago, last = max(0, lead - min(own)), len(self._told) - 1
-        while ago < last and self._told[last - ago - 1] & changed == pressed:
+        hands = sum(hand for hand in _HANDS if hand & changed)
+        wanted = self._told[last - ago] & hands
+        while ago < last and self._told[last - ago - 1] & hands == wanted:
             ago += 1
         return ago
 

@@ -165,6 +165,26 @@ def test_a_command_that_waited_is_timed_from_when_it_was_given(
     assert moments == [3, *turns, 19]  # UP and, in the end, neither
 
 
+@pytest.mark.parametrize(("release", "turns"), [(0, [43, 43]), (3, [43, 43]), (5, [43])])
+def test_a_key_that_a_hand_leaves_and_presses_again_is_timed_from_the_later_command(
+    release: int, turns: list[int]
+) -> None:
+    """From DOWN and LEFT to LEFT alone, which the hand of equal latency leaves in between."""
+    moments: list[int] = []
+    own = UnevenHands(dict.fromkeys(ALL, (release, release + (release > 3))))
+    prompt = LatencyEqualiser(own, EQUAL, give=lambda ago: moments.append(frame - ago))
+    frame = 0
+    prompt.time(ALL)
+    prompt.rest()
+    moments.clear()
+    for frame in range(EQUAL + 60):
+        prompt.command(
+            Keys.NONE if frame < 3 else Keys.LEFT if frame >= 43 else Keys.DOWN | Keys.LEFT
+        )
+        prompt.step_frame()
+    assert moments == [3, *turns]
+
+
 @pytest.mark.parametrize("release", [4, 9])
 def test_a_hand_at_rest_sets_out_no_sooner_because_it_is_slow_in_play(release: int) -> None:
     """A key that is commanded again before it is released counts as two frames later than that."""
