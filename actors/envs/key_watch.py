@@ -34,6 +34,8 @@ class KeyWatch:
         self._given: deque[int] = deque()
         """Frames in which those commands were given that have not reached the hands."""
         self._wanted = 0
+        self._given_at = -1
+        """Frame in which the present command was given."""
         self._age = 0
         self._tried = False
         """Whether a frame has passed since the hands got the command."""
@@ -59,15 +61,17 @@ class KeyWatch:
         """Notes that the oldest command on its way reaches the hands.
 
         They are to hold ``keys`` and now hold ``held``. The same keys once more are not a new
-        command: the first one is still watched.
+        command: the first one is still watched. Nor are other keys that were given in the same
+        frame: hands that wait for each key take a command step by step.
         """
         given = self._given.popleft()
-        age = self._frame - given
         wanted, pressed = int(keys), int(held)
         if wanted == self._wanted:
             return
-        self.give_up()
-        self._wanted, self._age, self._tried = wanted, age, False
+        if given != self._given_at:
+            self.give_up()
+            self._tried = False
+        self._wanted, self._given_at, self._age = wanted, given, self._frame - given
         watched = given >= self._since
         self._releasing = watched and pressed & ~wanted != 0
         self._pressing = watched and wanted & ~pressed != 0

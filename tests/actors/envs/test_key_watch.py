@@ -131,6 +131,20 @@ def test_a_command_on_its_way_is_watched_from_its_giving_and_not_given_up_for_th
                            ("press", "reached", 7)]  # fmt: skip
 
 
+def test_a_command_that_hands_take_step_by_step_is_timed_as_one() -> None:
+    """They leave FIRE first and UP a frame later, and neither key before its time."""
+    watch, both = KeyWatch(), UP | FIRE
+    give(watch, both, NONE)
+    watch.frame(both)
+    for ago, command, felt in ((0, UP, both), (1, NONE, UP), (2, DOWN, NONE)):
+        watch.give(ago)
+        watch.command(command, both if ago < 2 else UP)
+        watch.frame(felt)
+    watch.frame(DOWN)
+    assert told(watch) == [("press", "reached", 1), ("release", "reached", 3),
+                           ("press", "reached", 4)]  # fmt: skip
+
+
 def test_a_restart_forgets_what_is_on_its_way() -> None:
     watch = KeyWatch()
     watch.give()
