@@ -25,6 +25,7 @@ def read_press(path: Path) -> dict[str, Any]:
     """
     with reading(path, "press latency", "lab.press_latency") as found:
         np.array(found["table_ms"], np.float64)
+        float(found["p50_ms"]), float(found["p99_ms"])  # null if the hands never pressed
     told: dict[str, Any] = found
     return told
 

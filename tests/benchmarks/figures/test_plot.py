@@ -347,9 +347,10 @@ def test_the_press_latency_is_drawn_from_its_file(tmp_path: Path) -> None:
     assert [text.get_text() for text in axes.texts] == ["50", "17"]
     assert [text.get_text() for text in axes.get_xticklabels()] == ["none", "F"]
     assert [text.get_text() for text in bar.get_yticklabels()] == ["17 ms", "33 ms", "50 ms"]
-    file.write_text("{}")
-    with pytest.raises(InputError, match="holds no press latency"):
-        draw(Options((file,), figure="press"))
+    for useless in ({}, {**found, "table_ms": [[None] * 2] * 2, "p50_ms": None, "p99_ms": None}):
+        file.write_text(json.dumps(useless))
+        with pytest.raises(InputError, match="holds no press latency"):
+            draw(Options((file,), figure="press"))
 
 
 def test_wide_ranges_have_fewer_bars(tmp_path: Path) -> None:
