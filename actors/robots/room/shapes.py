@@ -1,6 +1,5 @@
 """Primitive shapes that the bodies in the room are made of."""
 
-import math
 from dataclasses import dataclass
 from typing import Literal
 
@@ -30,15 +29,6 @@ class Shape:
     """Roll, pitch and yaw, rad."""
     solid: bool = False
     """Whether the shape takes part in contacts."""
-
-    @property
-    def radius(self) -> float:
-        """Radius around its origin that holds all of it, m."""
-        if self.kind == "box":
-            return math.hypot(*self.size) / 2
-        if self.kind == "rod":
-            return math.hypot(self.size[0], self.size[1] / 2)
-        return max(self.size)
 
 
 def ball(radius: float, origin: Vector, colour: Colour, *, solid: bool = False) -> Shape:

@@ -4,6 +4,7 @@ Each touching shape becomes a link of its own, nearly without mass and fixed to 
 predicts contacts only for links whose single shape is centred.
 """
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from itertools import product
@@ -83,7 +84,9 @@ def _reach(shape: Shape, point: NDArray[np.float64]) -> float:
     """Returns the distance from ``point`` within which all of ``shape`` lies, m."""
     away = np.array(shape.origin) - point
     if shape.kind != "box":
-        return float(np.linalg.norm(away)) + shape.radius
+        radius, length, _ = shape.size
+        holds = math.hypot(radius, length / 2) if shape.kind == "rod" else max(shape.size)
+        return float(np.linalg.norm(away)) + holds
     corners = np.array(list(product((-0.5, 0.5), repeat=3))) * shape.size
     return float(np.linalg.norm(away + corners @ from_roll_pitch_yaw(shape.turn).T, axis=1).max())
 
