@@ -35,7 +35,7 @@ def run() -> int | None:
         named = [argument for argument in arguments if argument != "--help-all"]
         given, arguments = [*takewhile(str.isalpha, given)], ["--help", *named]
     elif name == "evaluate" and (not arguments or arguments[0].startswith("-")):
-        raise InputError("no network is named: name one, as in `ale-robot evaluate robot_pong`.")
+        raise InputError("name a network first, as in `ale-robot evaluate robot_pong`.")
     sys.argv = [f"ale-robot {name}", *given, *arguments]
     try:
         program = import_module(module)

@@ -133,8 +133,8 @@ def test_what_is_no_command_is_told_with_those_that_are(monkeypatch: pytest.Monk
 
 
 def test_an_evaluation_without_a_network_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    for arguments in ([], ["--games", "2"]):
-        with pytest.raises(InputError, match="name one, as in `ale-robot evaluate robot_pong`"):
+    for arguments in ([], ["--games", "2"], ["--games", "2", "robot_pong"]):
+        with pytest.raises(InputError, match=r"^name a network first, as in `ale-robot evaluate"):
             run(monkeypatch, "evaluate", *arguments)
 
 
