@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from actors.actor import FAREWELL
 from actors.options import ActorOptions
 from common.process.command_line import parse, parse_run
 from common.process.exit_codes import EXIT_CODES
@@ -75,6 +76,19 @@ def test_an_actor_waits_for_its_hub(tmp_path: Path) -> None:
     unit = ROOT / "deploy/systemd/ale-robot-actor@.service"
     options = parse(ActorOptions, "actors", flags_of(unit, tmp_path, "--evaluator"))
     assert (options.name, options.evaluator, options.patience) == ("a", True, float("inf"))
+
+
+@pytest.mark.parametrize(
+    ("file", "limit"),
+    [
+        ("systemd/ale-robot-actor@.service", r"(?m)^TimeoutStopSec=(\d+)$"),
+        ("compose/compose.yaml", r"(?s)\n  actor: &actor\n.*stop_grace_period: (\d+)s.*evaluator:"),
+    ],
+)
+def test_an_actor_may_wait_for_its_last_acknowledgements(file: str, limit: str) -> None:
+    told = re.search(limit, (ROOT / "deploy" / file).read_text())
+    assert told is not None
+    assert int(told[1]) >= 2 * FAREWELL
 
 
 @pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="systemd is not installed")
