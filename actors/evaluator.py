@@ -21,6 +21,8 @@ from common.schedule import Every
 from common.transport.interface import Envelope, Unanswered
 
 _ASK_AGAIN = 0.5
+_REFUSED_AGAIN = 10.0
+"""Seconds after a job that was not taken, since the next one may be the same."""
 _TIMEOUT = 5.0
 _SIGN_SECONDS = 60.0
 """Seconds between two signs to the learner that a game goes on. A game may last for hours."""
@@ -51,7 +53,12 @@ class Evaluator:
         heard, absence = time.monotonic(), Absence(self._member, "learner", "evaluator")
         try:
             while not self._member.stop.is_set():
-                job = self._ask()
+                try:
+                    job = self._ask()
+                except Unanswered:
+                    absence.lasts(time.monotonic() - heard)
+                    self._member.stop.wait(_ASK_AGAIN)
+                    continue
                 if job is not None and job.kind == "finished":
                     self._member.warn("the run is finished.")
                     return
@@ -59,16 +66,15 @@ class Evaluator:
                     self._play(job, seed)
                     seed += 1
                 else:
-                    self._member.stop.wait(_ASK_AGAIN)
-                if job is None:
-                    absence.lasts(time.monotonic() - heard)
-                else:
-                    heard = time.monotonic()
-                    absence.ends()
+                    self._member.stop.wait(_REFUSED_AGAIN if job is None else _ASK_AGAIN)
+                heard = time.monotonic()
+                absence.ends()
         finally:
             self._heartbeat.close()
 
     def _ask(self) -> EvaluationJob | None:
+        """Returns the learner's answer; None if it cannot be used, which is told. Raises
+        Unanswered."""
         try:
             job = EvaluationJob.decode(self._jobs.request(b"").result().payload)
             self._member.check_run(job.run_id)
@@ -79,9 +85,7 @@ class Evaluator:
             return job
         except MessageError as error:
             self._member.warn(f"a job was not taken: {error}")
-        except Unanswered:
-            pass
-        return None
+            return None
 
     def _play(self, job: EvaluationJob, seed: int) -> None:
         """Plays whole games until the steps of ``job`` are done, and reports each."""

@@ -20,9 +20,7 @@ from viewer.movie import check_movie, open_movie
 from viewer.panels import Panels
 from viewer.player import File, Network, Played, ShownPolicy, shown_env
 from viewer.rerun_stream import RerunStream
-
-ROOM_EVERY = 4
-"""Agent steps between renderings of the whole room, which is seen from afar."""
+from viewer.terminal.rendering import ROOM_EVERY
 
 
 @dataclass(frozen=True)

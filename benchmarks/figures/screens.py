@@ -8,6 +8,7 @@ import fcntl
 import os
 import pty
 import re
+import shlex
 import shutil
 import struct
 import subprocess
@@ -71,7 +72,7 @@ def draw(options: Screens) -> None:
     chromium = shutil.which("chromium") or shutil.which("chromium-browser")
     if chromium is None:
         raise InputError("there is no Chromium to draw with: run make browser first.")
-    given = options.learner.split()
+    given = shlex.split(options.learner)
     with scratch() as runs:
         web = free_endpoint().removeprefix("tcp/")
         own = () if "--resume" in given else ("--run", "pong", "--runs", str(runs), *_RUN)

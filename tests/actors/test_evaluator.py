@@ -98,6 +98,7 @@ class Stage:
 @pytest.fixture
 def stage(hub: Transport, client: Transport, monkeypatch: pytest.MonkeyPatch) -> Iterator[Stage]:
     monkeypatch.setattr(evaluator_module, "_ASK_AGAIN", 0.02)
+    monkeypatch.setattr(evaluator_module, "_REFUSED_AGAIN", 0.02)
     monkeypatch.setattr(evaluator_module, "_TIMEOUT", PATIENCE / 2)  # whatever holds the test up
     stage = Stage(hub, client)
     yield stage
@@ -341,6 +342,23 @@ def test_an_evaluator_leaves_a_learner_that_trains_another_run_now(stage: Stage)
     stage.give(replace(job(25), run_id="another"))
     stage.ended()
     assert "serves another run as r than the one e joined" in str(stage.failure)
+
+
+def test_a_learner_whose_jobs_are_refused_is_not_away(stage: Stage) -> None:
+    def check(*told: object) -> None:
+        raise MessageError("they are not signed")
+
+    stage.check_weights = check
+    stage.start(NumberedEnv(TEN_STEPS_A_GAME), patience=0.0)
+    for _ in range(3):
+        stage.give(job(10))
+    stage.give(FINISHED)
+    stage.ended()
+    assert stage.failure is None
+    assert stage.warnings == [
+        *["e: a job was not taken: they are not signed"] * 3,
+        "e: the run is finished.",
+    ]
 
 
 def test_a_job_with_weights_that_the_learner_did_not_sign_is_not_taken(stage: Stage) -> None:

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from viewer.terminal.window import TerminalWindow
 
 ROOM_EVERY = 4
-"""Steps between renderings of the room, each of which takes as long as an agent step; the game on
-its screen is always new."""
+"""Agent steps between renderings of the room, each of which takes as long as one; the game on its
+screen is always new."""
 _ROOM_SIZE = (256, 192)
 """Width and height of the room's picture, pixels; small, because the terminal's cells are large."""
 
