@@ -65,6 +65,7 @@ class Crowd:
             held_back += client.unacknowledged >= client.window
             client.send(payload)
         late = time.monotonic() - began - (due - 1) * period
+        time.sleep(max(0.0, period - late))  # what the next chunk would have waited for
         for client in clients:
             client.flush(_FLUSH)
         return {

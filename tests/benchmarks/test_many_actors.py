@@ -21,7 +21,7 @@ def test_all_actors_are_heard_and_hear_the_weights(
     found = many_actors.measure_number(options, 3)
     due = 6  # two of each: an actor has 8 steps every 8/15 s
     assert found["chunks"] == found["acknowledged"] == due
-    assert found["seconds"] >= 1.1
+    assert found["seconds"] >= due * 8 / 45, "the last chunk's steps take time, too"
     assert found["steps_per_second"] == pytest.approx(due * 8 / found["seconds"])
     assert 0 < found["p50_ms"] <= found["p99_ms"]
     assert found["weights_arrived"] == 3
