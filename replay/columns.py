@@ -45,6 +45,7 @@ class Columns:
         self.capacity = capacity
         self.folder = folder
         self._files: dict[str, int] = {}
+        self._created: list[Path] = []
         sizes_of = {"T": capacity, "P": vector_width}
         layout: dict[str, tuple[Any, tuple[int, ...]]] = {
             name: (field.dtype, field.array.shape_for(sizes_of))
@@ -75,7 +76,6 @@ class Columns:
                 raise damaged(path, f"or missing (it should have {size:,} bytes)")
 
     def _allocate(self, sizes: dict[str, int]) -> None:
-        created: list[Path] = []
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
             new = sum(size for name, size in sizes.items() if not self._path(name).exists())
@@ -84,7 +84,7 @@ class Columns:
             for name, size in sizes.items():
                 path = self._path(name)
                 if not path.exists():
-                    created.append(path)
+                    self._created.append(path)
                 how = os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW
                 self._files[name] = file = os.open(path, how, 0o644)
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)  # before it is changed
@@ -95,11 +95,7 @@ class Columns:
             self.close()
             raise InputError(f"another process uses the replay in {self.folder}.") from None
         except OSError as error:
-            self.close()
-            for path in created:  # or half a ring would keep the disk full
-                path.unlink(missing_ok=True)
-            with contextlib.suppress(OSError):  # if it is missing or holds something else
-                self.folder.rmdir()
+            self.discard()
             raise InputError(
                 f"the replay needs {sum(sizes.values()):,} bytes in {self.folder} and cannot have "
                 f"them ({error.strerror}): free some space, name another folder with --runs, "
@@ -142,3 +138,12 @@ class Columns:
         """Closes the files; the views stay readable."""
         while self._files:
             os.close(self._files.popitem()[1])
+
+    def discard(self) -> None:
+        """Closes the files, and removes those that were created here: an unused ring would keep the
+        disk full, and bind the run to its settings."""
+        self.close()
+        for path in self._created:
+            path.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):  # if it is missing or holds something else
+            self.folder.rmdir()

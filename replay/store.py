@@ -11,6 +11,7 @@ under the lock that readers share.
 import threading
 import uuid
 from collections.abc import Iterable
+from contextlib import ExitStack
 from itertools import chain
 from pathlib import Path
 
@@ -54,18 +55,23 @@ class Store:
         self.index, known = read_index(path, config)
         self.uuid = known or uuid.uuid4().hex
         """Identity of this ring, which is made with it."""
-        prioritised = SAMPLERS.find(config.replay.sampler).prioritised
+        prioritised, existing = SAMPLERS.find(config.replay.sampler).prioritised, path.exists()
         self.columns = Columns(
             folder,
             config.replay.capacity,
             config.vector_width,
             priority_slots=padded(config.replay.capacity) if prioritised else 0,
-            existing=path.exists(),
+            existing=existing,
         )
-        self.ring = Ring(self.columns, config)
-        alive = restore(self.ring, self.index, folder)
-        self.sampler = CheckedSampler(alive, self.columns.priorities, config.replay)
-        self._journal = Journal(path, self._entries())
+        with ExitStack() as failed:
+            failed.callback(self.columns.discard)
+            if not existing:
+                failed.callback(path.unlink, missing_ok=True)
+            self.ring = Ring(self.columns, config)
+            alive = restore(self.ring, self.index, folder)
+            self.sampler = CheckedSampler(alive, self.columns.priorities, config.replay)
+            self._journal = Journal(path, self._entries())
+            failed.pop_all()
         self._compacted_size = self._journal.size
 
     def _entries(self) -> Iterable[Entry]:

@@ -139,9 +139,10 @@ def test_one_that_answers_for_the_set_itself_is_refused(name: str, tmp_path: Pat
 def test_a_wrong_factory_is_refused(factory: Any, told: str, tmp_path: Path) -> None:
     config = make_config(sampler="wrong")
     with added(SAMPLERS, SamplerKind("wrong", factory)), pytest.raises(InputError) as error:
-        ReplayBuffer(config, tmp_path)
+        ReplayBuffer(config, tmp_path / "replay")
     assert str(error.value).startswith("the factory of the sampler 'wrong' ")
     assert told in str(error.value)
+    assert not (tmp_path / "replay").exists()
 
 
 def ids_of(buffer: ReplayBuffer) -> set[int]:

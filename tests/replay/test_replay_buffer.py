@@ -783,6 +783,24 @@ def test_no_space_is_said_with_the_bytes_and_leaves_nothing(
     assert list(tmp_path.iterdir()) == []
 
 
+def test_a_start_that_fails_leaves_no_new_ring_and_an_old_one_as_it_was(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(path: Path, content: bytes) -> None:
+        path.write_bytes(content)
+        raise OSError(28, "No space left on device")
+
+    for chunks in (0, 2):
+        with monkeypatch.context() as patch:
+            patch.setattr("replay.journal.write_atomically", full)
+            with pytest.raises(InputError, match="No space left"):
+                ReplayBuffer(make_config(), tmp_path / "ring")
+        assert len(list(tmp_path.iterdir())) == min(chunks, 1)
+        buffer = long_run(make_config(), tmp_path / "ring", 2 - chunks)
+        assert buffer.progress(0).accepted == 2
+        buffer.close()
+
+
 def test_a_ring_that_cannot_fit_does_not_fill_the_disk_first(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
