@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.pyplot import subplots
 
 from benchmarks.report import reading
+from common.minus import minus_signed
 from learner.figures.plot_style import INK, Series, line_figure
 
 _WORST, _BEST = -21.0, 21.0
@@ -80,7 +81,7 @@ def _heat_map(axes: Axes, grid: Grid, low: float, high: float) -> Any:
     for (row, column), value in np.ndenumerate(values):
         if np.isfinite(value):
             light = np.dot(image.to_rgba(value)[:3], _LUMINANCE) > 0.5
-            text = f"{value:.1f}".replace("-", "−")
+            text = minus_signed(f"{value:.1f}")
             axes.text(column, row, text, ha="center", va="center", color=INK if light else "white")
     axes.set_xticks(range(len(grid.added_ms)), [f"{added:.0f}" for added in grid.added_ms])
     axes.set_yticks(range(len(grid.optics)), [_WORDS[each] for each in grid.optics])

@@ -12,7 +12,7 @@ from matplotlib.pyplot import subplots
 from numpy.typing import NDArray
 
 from common.errors import InputError
-from common.minus import points
+from common.minus import minus_signed, points
 from learner.figures.plot_style import INK, dress, label
 
 _MAX_SINGLE = 60
@@ -90,13 +90,14 @@ def histogram_figure(evaluations: Sequence[Evaluation]) -> Figure:
                 each.scores, _BARS, range=(min(every), max(every)), color=_BAR, edgecolor="white"
             )
         # The line is no higher than the bars, or it would stick out above the highest label.
-        mean = np.interp(each.mean, scores, places)
-        axes.vlines(mean, 0, games.max(), color=_MEAN, linewidth=1.8, alpha=0.7)
+        place = np.interp(each.mean, scores, places)
+        axes.vlines(place, 0, games.max(), color=_MEAN, linewidth=1.8, alpha=0.7)
         axes.margins(y=0.25)
+        mean, iqm = (minus_signed(f"{value:.2f}") for value in (each.mean, each.iqm))
         figures = (
-            f"{len(each.scores)} games, mean {each.mean:.2f} ± {each.deviation:.2f} (line), "
-            f"interquartile mean {each.iqm:.2f}"
-        ).replace("-", "−")
+            f"{len(each.scores)} games, mean {mean} ± {each.deviation:.2f} (line), "
+            f"interquartile mean {iqm}"
+        )
         axes.set_title(f"{each.name}\n{figures}", loc="left", fontsize=9, color=INK)
     if single:
         _mark(rows[-1, 0], scores, places)

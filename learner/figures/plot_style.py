@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from common.atomic_file import check_new_file, write_atomically
 from common.errors import InputError, writing
+from common.minus import minus_signed
 
 _SUFFIXES = (".png", ".svg", ".pdf")
 RANDOM = "#c1121f"
@@ -192,7 +193,7 @@ def draw_random(axes: Axes, rewards: Sequence[float]) -> None:
     low, high, mean = min(rewards), max(rewards), sum(rewards) / len(rewards)
     if high > low:
         axes.axhspan(low, high, color=RANDOM, alpha=0.15, linewidth=0)
-    names = dict.fromkeys(f"{reward:.1f}".replace("-", "−") for reward in (low, high))
+    names = dict.fromkeys(minus_signed(f"{reward:.1f}") for reward in (low, high))
     name = f"random policy, {' to '.join(names)}"
     axes.axhline(mean, color=RANDOM, linewidth=1.3, label=name, zorder=2)
 
