@@ -22,7 +22,7 @@ class RateLimiter:
 
     @classmethod
     def of(cls, config: RunConfig) -> "RateLimiter":
-        """Returns the limiter of a run. `RunConfig.check` refuses settings under which both sides
+        """Returns the limiter of a run. `common.run.rules` refuses settings under which both sides
         would wait."""
         return cls(
             samples_per_insert=config.samples_per_insert,
