@@ -61,14 +61,13 @@ class Received:
         if sequence > self.highest:
             if sequence > self.highest + 1:
                 self.gaps.append([self.highest + 1, sequence - 1])
-                del self.gaps[:-_MAX_GAPS]
             self.highest = sequence
-            return
         for at, (first, last) in enumerate(self.gaps):
             if first <= sequence <= last:
                 halves = [[first, sequence - 1], [sequence + 1, last]]
                 self.gaps[at : at + 1] = [half for half in halves if half[0] <= half[1]]
-                return
+                break
+        del self.gaps[:-_MAX_GAPS]
 
 
 class _Stream(NamedTuple):

@@ -24,9 +24,10 @@ def test_received_remembers_exactly_what_came(sequences: list[int]) -> None:
     assert {number for number in range(50) if number in received} == expected
 
 
-def test_gaps_are_bounded() -> None:
+@pytest.mark.parametrize("first", [(), (1_000,)])  # the second opens a gap, which the rest splits
+def test_gaps_are_bounded(first: tuple[int, ...]) -> None:
     received = Received()
-    for sequence in range(1, 1_001, 2):
+    for sequence in (*first, *range(1, 1_000, 2)):
         received.add(sequence)
     assert len(received.gaps) == 64
     assert 998 not in received
