@@ -40,7 +40,7 @@ def read_evaluations(path: Path) -> list[Evaluation]:
         InputError: the file holds no evaluation.
     """
     try:
-        found = json.loads(path.read_text())
+        found = json.loads(path.read_bytes())
         evaluations = [
             _evaluation(f"{path.stem}, ε = {row['epsilon']:g}, sticky {row['sticky']:g}", row)
             for row in found.get("rows", ())

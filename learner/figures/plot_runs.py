@@ -130,7 +130,7 @@ def _settings(folder: Path) -> str | None:
 
 def _json(path: Path) -> dict[str, Any] | None:
     try:
-        found = json.loads(path.read_text())
+        found = json.loads(path.read_bytes())
         if not isinstance(found, dict):
             raise ValueError("it holds no table")
     except FileNotFoundError:

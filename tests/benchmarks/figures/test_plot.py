@@ -2,6 +2,7 @@
 
 import csv
 import inspect
+import io
 import json
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, replace
@@ -194,6 +195,15 @@ def test_other_modes_are_other_runs(tmp_path: Path) -> None:
     for path, sync in zip(paths, (True, False), strict=True):
         (path / "summary.json").write_text(json.dumps({"sync": sync}))
     assert names(draw(Options(paths)))[:2] == ["pong-1", "pong-2"]
+
+
+def test_a_summary_is_read_whatever_the_locale(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(io, "text_encoding", lambda given, level=2: given or "ascii")
+    path = run(tmp_path / "pong", 1, [-20.0])
+    (path / "summary.json").write_text('{"gates": "≥ 0.99"}', "utf-8")
+    assert names(draw(Options((path,))))[0] == "pong"
 
 
 def test_a_run_that_was_given_a_network_is_no_seed_of_a_fresh_one(tmp_path: Path) -> None:
