@@ -177,9 +177,12 @@ class RunFolder:
     @contextmanager
     def removed_if_unused(self) -> Iterator[None]:
         """Removes the folder at the end of the block if this process made it and nothing began in
-        it, so that a failed start leaves nothing behind."""
+        it, so that a failed start leaves nothing behind. A learner that fails before its first
+        checkpoint has begun nothing, although its replay may be there."""
+        failed = True
         try:
             yield
+            failed = False
         finally:
             at_first = {
                 self.config_file,
@@ -189,6 +192,8 @@ class RunFolder:
                 self._lock("claim"),
                 *map(self._lock, self._locks),
             }
+            if failed and {*self._locks} == {*get_args(Part)}:
+                at_first |= {self.replay, self.gates, self.tensorboard}
             if self._made and at_first.issuperset(self.path.iterdir()):
                 shutil.rmtree(self.path)
 

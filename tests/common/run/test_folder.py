@@ -286,9 +286,33 @@ def test_a_start_that_fails_leaves_no_folder(tmp_path: Path) -> None:
     folder.logs.mkdir()
     (folder.logs / "learner.jsonl").touch()
     folder.claim("replay", FAST, resume=False)
+    folder.gates.touch()
+    for made in (folder.replay, folder.tensorboard):
+        made.mkdir()
+        (made / "file").touch()
     with pytest.raises(InputError), folder.removed_if_unused():
-        raise InputError("cannot listen at tcp/127.0.0.1:7447.")
+        raise InputError("the replay refused a demonstration.")
     assert not folder.path.exists()
+
+
+@pytest.mark.parametrize("left", ["checkpoint", "epochs"])
+def test_a_failure_after_the_first_checkpoint_costs_nothing(tmp_path: Path, left: str) -> None:
+    folder = claim(tmp_path)
+    folder.claim("replay", FAST, resume=False)
+    folder.replay.mkdir()
+    getattr(folder, left).touch()
+    with pytest.raises(InputError), folder.removed_if_unused():
+        raise InputError("the loss became non-finite.")
+    assert folder.replay.exists()
+
+
+def test_a_failed_learner_leaves_a_replay_of_its_own_process(tmp_path: Path) -> None:
+    folder = claim(tmp_path)
+    replay = claim(tmp_path, "replay")
+    replay.replay.mkdir()
+    with pytest.raises(InputError), folder.removed_if_unused():
+        raise InputError("--track x needs a package.")
+    assert folder.replay.exists()
 
 
 def test_a_start_that_fails_leaves_another_parts_folder(tmp_path: Path) -> None:
