@@ -96,6 +96,8 @@ class ActorRegistry:
             self._gone = _total(map(_stats_from, state["gone"]))
             self._gone_excess = state["excess"]
             self._folded = {incarnation: _Folded(*kept) for incarnation, *kept in state["folded"]}
+            for incarnation in self._folded:  # one that was away may have been heard by now
+                self._processes.pop(incarnation, None)
 
     def state(self) -> dict[str, Any]:
         """Returns all processes that ever took part, of JSON's types."""

@@ -286,6 +286,7 @@ def test_totals_of_folded_processes_survive_a_checkpoint(
     assert before[:3] == (50, 10, 2)
     assert len(told.registry.state()["folded"]) == 4
     again = Told(hub)
+    again.say(name="a1", incarnation=101)  # one that was away for a while
     again.registry.restore(json.loads(json.dumps(told.registry.state())))
     assert again.totals() == before
     again.say(name="a1", incarnation=101)
