@@ -51,8 +51,8 @@ class LearnerOptions(RunOptions):
     """Recorded games, from `ale-robot record` or `human --record`, with which the replay begins.
     They count as steps of the run."""
     steps: Count | None = None
-    """Agent steps, including the warm-up, after which the run ends. Each environment completes the
-    chunk that it plays, so that up to --stream.chunk-steps more of each count too."""
+    """Agent steps, including the warm-up, after which the run ends. Those under way by then count
+    too: of each actor up to --stream.window chunks, and of each environment the one begun."""
     keep_snapshots: bool = False
     """Keep each epoch's weights in the run's snapshots/ as epoch-0001.safetensors and so on, 1 to 7
     MB each; a resumed run goes on keeping them. epochs.csv has their wall clock and steps."""
