@@ -102,6 +102,7 @@ def open_pages(
             with extra_for("--web", "web"):
                 from learner.telemetry.web.page_sink import PageSink
             page = PageSink(*web_address(options.web), options.config, folder)
+            stack.callback(page.close)  # whether or not telemetry begins
             sinks.append(page)
             url = page.url
         yield sinks, url

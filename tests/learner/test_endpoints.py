@@ -1,4 +1,4 @@
-"""A learner at another process' replay: who else may train the run."""
+"""A learner at another process' replay: who else may train the run. Its pages."""
 
 import threading
 from collections.abc import Callable, Iterator
@@ -13,8 +13,9 @@ from common.protocol.announcement import Announcement
 from common.protocol.run_keys import RunKeys
 from common.run.folder import RunFolder
 from common.run.presets import PRESETS
+from common.transport.endpoint import check_free
 from common.transport.interface import Transport
-from learner.endpoints import open_replay
+from learner.endpoints import open_pages, open_replay
 from learner.options import LearnerOptions
 from learner.telemetry.sinks.status import StatusSink
 from tests.learner.telemetry.snapshots import snapshot
@@ -55,3 +56,14 @@ def test_a_second_learner_is_refused_even_while_the_first_one_starts(
         opens(),
     ):
         pass
+
+
+def test_a_start_that_fails_leaves_no_page_listening(tmp_path: Path) -> None:
+    options = LearnerOptions(CONFIG, web="127.0.0.1:0")
+    with (
+        pytest.raises(InputError) as error,
+        open_pages(options, RunFolder(tmp_path, "r")) as (_, url),
+    ):
+        raise InputError(f"{url}")
+    # The error keeps the failed call's variables alive.
+    check_free("127.0.0.1", int(str(error.value).rstrip("/").rpartition(":")[2]))
