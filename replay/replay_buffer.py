@@ -9,6 +9,7 @@ import hashlib
 import logging
 import threading
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
@@ -160,26 +161,28 @@ class ReplayBuffer:
                     self._turns.open()
                     self.released()
             self._state.wait_for(lambda: self._closed or self._may_sample(drawn), timeout)
-            if not self._may_sample(drawn):
-                return None
-        return self._gather(self._draw, read)
+        return self._gather(partial(self._draw, drawn), read)
 
     def _gather(
-        self, choose: Callable[[], tuple[Any, ...]], read: Callable[..., _Found | None]
-    ) -> _Found:
-        """Returns the result of ``read`` for what ``choose`` returns under the lock."""
+        self, choose: Callable[[], tuple[Any, ...] | None], read: Callable[..., _Found | None]
+    ) -> _Found | None:
+        """Returns the result of ``read`` for what ``choose`` returns under the lock; None if that
+        is None."""
         for _ in range(_HURRIED_READS):
             with self._state:
                 chosen = choose()
-            found = read(*chosen)
-            if found is not None:
+            if chosen is None:
+                return None
+            if (found := read(*chosen)) is not None:
                 return found
         with self._state:  # the ring turns faster than it is read, so keep writers out this once
-            found = read(*choose())
-        assert found is not None
-        return found
+            chosen = choose()
+            return None if chosen is None else read(*chosen)
 
-    def _draw(self) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
+    def _draw(self, drawn: int) -> tuple[NDArray[np.int64], NDArray[np.float32]] | None:
+        # Asked at each try, because an insert may have evicted all that could be drawn.
+        if not self._may_sample(drawn):
+            return None
         return self._store.sampler.draw(self._rng, self._batch_size)
 
     def _may_sample(self, drawn: int) -> bool:
@@ -210,7 +213,9 @@ class ReplayBuffer:
                 ids = ids[ids >= ring.head - newest]
             return (self._rng.permutation(ids),)
 
-        return self._gather(choose, lambda ids: ring.states(ids[ring.all_seen(ids)][:count]))
+        found = self._gather(choose, lambda ids: ring.states(ids[ring.all_seen(ids)][:count]))
+        assert found is not None
+        return found
 
     def progress(self, since: int, *, goal: int | None = None) -> Progress:
         resident, private = footprint()

@@ -355,6 +355,29 @@ def test_drawing_while_the_ring_turns_never_mixes_frames(tmp_path: Path, sampler
     writer.join()
 
 
+def test_a_draw_before_which_all_steps_are_evicted_waits_for_others(tmp_path: Path) -> None:
+    config = make_config(capacity=53, n_step=20, batch_size=1)
+    buffer, rng = ReplayBuffer(config, tmp_path), np.random.default_rng(0)
+    first, *others = (Actor(name, 4) for name in "abc")
+    for actor in (first, first, others[0]):
+        buffer.insert(actor.live([GOES_ON] * 16, rng))
+    assert buffer.progress(0).samplable == 32 - 20
+    gather = buffer._gather
+
+    def after_an_insert(*how: Any) -> Any:
+        buffer.insert(others[1].live([GOES_ON] * 16, rng))
+        return gather(*how)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(buffer, "_gather", after_an_insert)
+        assert buffer.sample(0, 0.0) is None
+    assert buffer.progress(0).failed == ""
+    for _ in range(2):
+        buffer.insert(others[1].live([GOES_ON] * 16, rng))
+    assert buffer.sample(0, 0.0) is not None
+    buffer.close()
+
+
 def test_held_out_states_are_read_while_others_insert(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
