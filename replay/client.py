@@ -34,8 +34,8 @@ MAX_PRIORITY_UPDATES = 64
 """Maximum number of unanswered messages of priorities."""
 DEADLINE = 5.0
 """Seconds without an answer after which the server counts as away."""
-DISK_DEADLINE = 60.0
-"""Seconds to wait for the answer of `Replay.sync`."""
+LONG_DEADLINE = 60.0
+"""The same for answers that a disk or tens of megabytes hold up: `Replay.sync`, and `held_out`."""
 _PAUSE_SECONDS = 0.2
 _log = logging.getLogger(__name__)
 _Answer = TypeVar("_Answer", bound=Message)
@@ -55,12 +55,18 @@ class RemoteReplay:
         self._going_well = False
         self._drawing = threading.Lock()
         self._updating = threading.Lock()
-        self._sample, self._priorities, self._held_out, self._progress = self._requesters = [
-            transport.requester(key, DEADLINE)
-            for key in (keys.sample, keys.priorities, keys.held_out, keys.progress)
+        self._sample, self._priorities, self._progress, self._held_out, self._syncs = (
+            self._requesters
+        ) = [
+            transport.requester(key, deadline)
+            for key, deadline in (
+                (keys.sample, DEADLINE),
+                (keys.priorities, DEADLINE),
+                (keys.progress, DEADLINE),
+                (keys.held_out, LONG_DEADLINE),
+                (keys.progress, LONG_DEADLINE),
+            )
         ]
-        self._syncs = transport.requester(keys.progress, DISK_DEADLINE)
-        self._requesters.append(self._syncs)
         self._last = transport.requester(keys.progress, DEADLINE)
         """Only the transport closes it, because a checkpoint comes after a stop has closed the
         others."""

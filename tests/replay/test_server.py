@@ -26,7 +26,13 @@ from common.transport.interface import Envelope, Request, Transport, Unanswered
 from common.transport.leaky_bucket import NEW_NAMES_PER_SECOND, LeakyBucket
 from replay import server as replay_server
 from replay.client import AHEAD, MAX_PRIORITY_UPDATES, RemoteReplay
-from replay.messages import NO_BATCH, Priorities, ProgressRequest, SampleRequest
+from replay.messages import (
+    NO_BATCH,
+    HeldOutStates,
+    Priorities,
+    ProgressRequest,
+    SampleRequest,
+)
 from replay.replay_buffer import ReplayBuffer
 from replay.server import ReplayServer
 from tests.hub_stubs import PendingRequests
@@ -486,11 +492,38 @@ def test_what_is_stored_is_made_durable_also_after_a_stop(
     assert synced == [True]
 
 
+def test_tens_of_megabytes_have_more_time_than_other_answers(
+    place: Place, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("replay.client.DEADLINE", 0.1)
+    monkeypatch.setattr("replay.client.LONG_DEADLINE", 10 * PATIENCE)
+    remote = RemoteReplay(place.client, KEYS, make_config())
+    place.server.close()
+    asked = PendingRequests(place.client, KEYS.held_out)
+    other = place.client.requester(KEYS.held_out, 0.1)
+    found: list[int] = []
+    thread = threading.Thread(target=lambda: found.append(len(remote.held_out(1)[0])), daemon=True)
+    thread.start()
+    request = asked.next()
+    with pytest.raises(Unanswered):  # who asked later gives up
+        other.request(b"").result()
+    asked.next().drop()
+    request.reply(
+        HeldOutStates(np.zeros((1, 4, 84, 84), np.uint8), np.zeros((1, 0), np.float32)).encode()
+    )
+    thread.join(PATIENCE)
+    again = list(asked.waiting())
+    remote.close()
+    asked.close()
+    assert found == [1]
+    assert not again
+
+
 def test_a_slow_disk_has_more_time_than_other_answers_until_a_stop(
     place: Place, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("replay.client.DEADLINE", 0.1)
-    monkeypatch.setattr("replay.client.DISK_DEADLINE", 10 * PATIENCE)
+    monkeypatch.setattr("replay.client.LONG_DEADLINE", 10 * PATIENCE)
     remote = RemoteReplay(place.client, KEYS, make_config())
     place.server.close()
     asked = PendingRequests(place.client, KEYS.progress)
