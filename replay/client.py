@@ -55,18 +55,13 @@ class RemoteReplay:
         self._going_well = False
         self._drawing = threading.Lock()
         self._updating = threading.Lock()
-        self._sample, self._priorities, self._progress, self._held_out, self._syncs = (
-            self._requesters
-        ) = [
-            transport.requester(key, deadline)
-            for key, deadline in (
-                (keys.sample, DEADLINE),
-                (keys.priorities, DEADLINE),
-                (keys.progress, DEADLINE),
-                (keys.held_out, LONG_DEADLINE),
-                (keys.progress, LONG_DEADLINE),
-            )
-        ]
+        quick = (keys.sample, keys.priorities, keys.progress)
+        self._sample, self._priorities, self._progress = (
+            transport.requester(key, DEADLINE) for key in quick
+        )
+        self._held_out, self._syncs = (
+            transport.requester(key, LONG_DEADLINE) for key in (keys.held_out, keys.progress)
+        )
         self._last = transport.requester(keys.progress, DEADLINE)
         """Only the transport closes it, because a checkpoint comes after a stop has closed the
         others."""
@@ -155,7 +150,8 @@ class RemoteReplay:
     def close(self) -> None:
         """Stops waiting for the server; the transport stays open."""
         self._closed.set()
-        for requester in self._requesters:
+        quick = (self._sample, self._priorities, self._progress)
+        for requester in (*quick, self._held_out, self._syncs):
             requester.close()
 
     def _insist(self, requester: Requester, request: bytes) -> bytes:

@@ -53,10 +53,10 @@ def changes(hands: Hands, repetitions: int, seed: int) -> Iterator[Change]:
                 old, new = pairs[index]
                 if not settled:
                     for action in rng.integers(_ACTIONS, size=2):
-                        _hold(hands, KEYS_OF_ACTION[action], AGENT_STEP)
-                before = _hold(hands, KEYS_OF_ACTION[old], _SETTLED if settled else AGENT_STEP)[-1]
+                        hold(hands, KEYS_OF_ACTION[action], AGENT_STEP)
+                before = hold(hands, KEYS_OF_ACTION[old], _SETTLED if settled else AGENT_STEP)[-1]
                 wanted = KEYS_OF_ACTION[new]
-                way = _hold(hands, wanted, _WATCHED)
+                way = hold(hands, wanted, _WATCHED)
                 allowed = KEYS_OF_ACTION[old] | wanted | before
                 wrong = [number for number, keys in enumerate(way, start=1) if keys != wanted]
                 frames = max(wrong, default=0) + 1
@@ -69,7 +69,8 @@ def changes(hands: Hands, repetitions: int, seed: int) -> Iterator[Change]:
                 )
 
 
-def _hold(hands: Hands, keys: Keys, frames: int) -> list[Keys]:
+def hold(hands: Hands, keys: Keys, frames: int) -> list[Keys]:
+    """Commands ``keys`` for so many emulator frames; returns what was held in each of them."""
     hands.command(keys)
     return [hands.step_frame() for _ in range(frames)]
 

@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 from actors.envs.late_commands import hands_of
 from actors.envs.latency_equaliser import LatencyEqualiser
 from actors.robots.interface import Hands
+from actors.robots.latency import hold
+from actors.robots.latency_model.fit import commands
 from benchmarks.report import BenchmarkOptions, Numbers, Report, main
 from common.actions import KEYS_OF_ACTION, Keys
 from common.checked import FromOne
@@ -64,10 +66,10 @@ def measure(options: Options) -> Report:
     ]
     told = [random_commands(keys, every, options.steps, options.seed) for every in options.every]
     equal = (options.latency, options.gap)
-    schedules = [keys_held(_exact_hands(), commands, *equal) for commands in told]
+    schedules = [keys_held(_exact_hands(), each, *equal) for each in told]
     for name, robot in zip(options.robots, robots, strict=True):
-        for every, commands, schedule in zip(options.every, told, schedules, strict=True):
-            other = keys_held(robot, commands, *equal) != schedule
+        for every, given, schedule in zip(options.every, told, schedules, strict=True):
+            other = keys_held(robot, given, *equal) != schedule
             rows.append(
                 {
                     "robot": name,
@@ -97,26 +99,19 @@ def _exact_hands() -> Hands:
 def random_commands(keys: Sequence[Keys], every: int, steps: int, seed: int) -> list[Keys]:
     """Returns the command of each agent step; on average one in ``every`` steps is drawn anew."""
     rng = np.random.default_rng(seed)
-    commands = [keys[0]]
-    for _ in range(steps - 1):
-        drawn = rng.random() < 1 / every
-        commands.append(keys[int(rng.integers(len(keys)))] if drawn else commands[-1])
-    return commands
+    return [keys[0], *commands(keys, steps - 1, rng, means=(every,))]
 
 
-def keys_held(
-    hands: Hands, commands: Sequence[Keys], latency: int, gap: int = 0
-) -> NDArray[np.int64]:
+def keys_held(hands: Hands, told: Sequence[Keys], latency: int, gap: int = 0) -> NDArray[np.int64]:
     """Returns the keys at the end of each emulator frame, with ``hands`` made equal,
-    ``int [commands × frame skip]``."""
+    ``int [commands told × frame skip]``."""
     equal = LatencyEqualiser(hands, latency, gap)
     equal.time(~Keys.NONE)
     equal.rest()
-    held = []
-    for command in commands:
-        equal.command(command)
-        held += [int(equal.step_frame()) for _ in range(PlayConfig.frame_skip)]
-    return np.array(held)
+    held: list[Keys] = []
+    for keys in told:
+        held += hold(equal, keys, PlayConfig.frame_skip)
+    return np.array(held, np.int64)
 
 
 if __name__ == "__main__":

@@ -4,7 +4,7 @@ import json
 import random
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -492,29 +492,42 @@ def test_what_is_stored_is_made_durable_also_after_a_stop(
     assert synced == [True]
 
 
+class Slow:
+    """A replay's client that has asked a server which takes its time at ``key``."""
+
+    def __init__(self, place: Place, monkeypatch: pytest.MonkeyPatch, key: str) -> None:
+        monkeypatch.setattr("replay.client.DEADLINE", 0.1)
+        monkeypatch.setattr("replay.client.LONG_DEADLINE", 10 * PATIENCE)
+        self.remote = RemoteReplay(place.client, KEYS, make_config())
+        place.server.close()
+        self.asked = PendingRequests(place.client, key)
+        self._other = place.client.requester(key, 0.1)
+
+    def begin(self, ask: Callable[[], object]) -> tuple[threading.Thread, Request]:
+        """Lets ``ask`` wait for an answer for longer than others do; returns its request."""
+        thread = threading.Thread(target=ask, daemon=True)
+        thread.start()
+        request = self.asked.next()
+        with pytest.raises(Unanswered):  # who asked later gives up
+            self._other.request(b"").result()
+        self.asked.next().drop()
+        assert thread.is_alive()
+        return thread, request
+
+
 def test_tens_of_megabytes_have_more_time_than_other_answers(
     place: Place, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("replay.client.DEADLINE", 0.1)
-    monkeypatch.setattr("replay.client.LONG_DEADLINE", 10 * PATIENCE)
-    remote = RemoteReplay(place.client, KEYS, make_config())
-    place.server.close()
-    asked = PendingRequests(place.client, KEYS.held_out)
-    other = place.client.requester(KEYS.held_out, 0.1)
+    slow = Slow(place, monkeypatch, KEYS.held_out)
     found: list[int] = []
-    thread = threading.Thread(target=lambda: found.append(len(remote.held_out(1)[0])), daemon=True)
-    thread.start()
-    request = asked.next()
-    with pytest.raises(Unanswered):  # who asked later gives up
-        other.request(b"").result()
-    asked.next().drop()
+    asking, request = slow.begin(lambda: found.append(len(slow.remote.held_out(1)[0])))
     request.reply(
         HeldOutStates(np.zeros((1, 4, 84, 84), np.uint8), np.zeros((1, 0), np.float32)).encode()
     )
-    thread.join(PATIENCE)
-    again = list(asked.waiting())
-    remote.close()
-    asked.close()
+    asking.join(PATIENCE)
+    again = list(slow.asked.waiting())
+    slow.remote.close()
+    slow.asked.close()
     assert found == [1]
     assert not again
 
@@ -522,34 +535,18 @@ def test_tens_of_megabytes_have_more_time_than_other_answers(
 def test_a_slow_disk_has_more_time_than_other_answers_until_a_stop(
     place: Place, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("replay.client.DEADLINE", 0.1)
-    monkeypatch.setattr("replay.client.LONG_DEADLINE", 10 * PATIENCE)
-    remote = RemoteReplay(place.client, KEYS, make_config())
-    place.server.close()
-    asked = PendingRequests(place.client, KEYS.progress)
-    other = place.client.requester(KEYS.progress, 0.1)
-
-    def begin_to_sync() -> tuple[threading.Thread, Request]:
-        thread = threading.Thread(target=remote.sync, daemon=True)
-        thread.start()
-        request = asked.next()
-        with pytest.raises(Unanswered):  # who asked later gives up
-            other.request(b"").result()
-        asked.next().drop()
-        assert thread.is_alive()
-        return thread, request
-
-    syncing, request = begin_to_sync()
+    slow = Slow(place, monkeypatch, KEYS.progress)
+    syncing, request = slow.begin(slow.remote.sync)
     assert ProgressRequest.decode(request.payload).durable
     request.reply(b"")
     syncing.join(PATIENCE)
     assert not syncing.is_alive()
-    syncing, request = begin_to_sync()
-    remote.close()
+    syncing, request = slow.begin(slow.remote.sync)
+    slow.remote.close()
     syncing.join(PATIENCE)
     assert not syncing.is_alive()
     request.drop()
-    asked.close()
+    slow.asked.close()
 
 
 def test_priorities_are_told_in_order_and_only_so_many_without_an_answer(

@@ -5,13 +5,12 @@ frame. Learning by the model then needs no body: the emulator alone follows it. 
 Atari got the model of its robot (Keen Technologies 2026).
 """
 
-import io
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, TypeVar
 
 import numpy as np
 import tyro
@@ -20,10 +19,18 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 
 from actors.robots.interface import Hands
+from actors.robots.latency import AGENT_STEP, hold
 from actors.robots.latency_model.model import LatencyModel
-from actors.robots.latency_model.weights import ACTIONS, COMMANDS, MAX_HIDDEN, ROW, ModelWeights
-from common.actions import KEYS_OF_ACTION, action_of_keys
-from common.atomic_file import check_new_file, write_atomically
+from actors.robots.latency_model.weights import (
+    ACTIONS,
+    COMMANDS,
+    MAX_HIDDEN,
+    ROW,
+    ModelWeights,
+    write_weights,
+)
+from common.actions import KEYS_OF_ACTION, Keys, action_of_keys
+from common.atomic_file import check_new_file
 from common.checked import FromOne
 from common.games import MINIMAL_ACTIONS, SCREEN_SHAPE, check_game
 from common.process.command_line import parse
@@ -41,6 +48,7 @@ _TESTED = 0.1
 UPDATES = 3_000
 _BATCH = 1_024
 _LEARNING_RATE = 3e-3
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -80,26 +88,34 @@ class Recording:
     """``[N]``, what was held at the end of each frame."""
 
 
-def commands(actions: Sequence[int], steps: int, rng: Generator) -> Iterator[int]:
-    """Yields the action of each agent step: each is held for a random time, of which `_HELD` gives
-    the means."""
-    action = actions[0]
+def commands(
+    choices: Sequence[T], steps: int, rng: Generator, means: Sequence[int] = _HELD
+) -> Iterator[T]:
+    """Yields the command of each agent step: each is held for a random time, of which ``means`` are
+    the means, one after the other."""
+    command = choices[0]
     for step in range(steps):
-        if rng.random() < 1 / _HELD[step * len(_HELD) // steps]:
-            action = actions[int(rng.integers(len(actions)))]
-        yield action
+        if rng.random() < 1 / means[step * len(means) // steps]:
+            command = choices[int(rng.integers(len(choices)))]
+        yield command
 
 
-def record(hands: Hands, told: Iterator[int]) -> Recording:
-    """Gives the hands each command for an agent step, and returns what they did."""
+def record(
+    hands: Hands, told: Iterable[int], tell: Callable[[int], None] = lambda steps: None
+) -> Recording:
+    """Gives the hands each action of ``told`` for an agent step, and returns what they did.
+
+    Args:
+        tell: takes the number of agent steps that are done.
+    """
     hands.rest()
-    wanted, held = [], []
-    for action in told:
-        hands.command(KEYS_OF_ACTION[action])
-        for _ in range(PlayConfig.frame_skip):
-            held.append(action_of_keys(hands.step_frame()))
-            wanted.append(action)
-    return Recording(np.array(wanted), np.array(held))
+    wanted: list[int] = []
+    held: list[Keys] = []
+    for done, action in enumerate(told, 1):
+        held += hold(hands, KEYS_OF_ACTION[action], AGENT_STEP)
+        wanted += [action] * AGENT_STEP
+        tell(done)
+    return Recording(np.array(wanted), np.array([action_of_keys(keys) for keys in held]))
 
 
 def inputs(recording: Recording) -> NDArray[np.int64]:
@@ -148,44 +164,27 @@ def fit(
 def differing(weights: ModelWeights, recording: Recording) -> float:
     """Returns in which share of the recorded frames the model, by itself, holds other keys."""
     model = LatencyModel(weights, FRAMES_PER_SECOND)
-    told = iter(recording.wanted[:: PlayConfig.frame_skip].tolist())
-    return float((record(model, told).held != recording.held).mean())
-
-
-def packed(weights: ModelWeights) -> bytes:
-    """Returns the content of the model's file, in float32 as Physical Atari's."""
-    content = io.BytesIO()
-    arrays: dict[str, Any] = {name: each.astype(np.float32) for name, each in vars(weights).items()}
-    np.savez(content, **arrays)
-    return content.getvalue()
+    alone = record(model, recording.wanted[::AGENT_STEP].tolist())
+    return float((alone.held != recording.held).mean())
 
 
 def run(options: FitOptions) -> None:
     """Measures, learns, tests and writes the model."""
     rng = np.random.default_rng(options.seed)
     play = PlayConfig(robot=options.robot, robot_settings=options.robot_settings)
-    lengths = (options.steps, max(1, int(options.steps * _TESTED)))
-    recordings: list[Recording] = []
+    actions, tests = MINIMAL_ACTIONS[options.game], max(1, int(options.steps * _TESTED))
     robot = ROBOTS.make(options.robot, SCREEN_SHAPE, CameraConfig(), play)
-    with closing(robot), Progress("measuring", sum(lengths)) as progress:
-        for steps in lengths:
-            told = commands(MINIMAL_ACTIONS[options.game], steps, rng)
-            recordings.append(record(robot, _shown(told, progress, len(recordings) * lengths[0])))
-    learned, tested = recordings
+    with closing(robot), Progress("measuring", options.steps) as progress:
+        learned = record(robot, commands(actions, options.steps, rng), progress.update)
+        tested = record(robot, commands(actions, tests, rng))
     with Progress("learning", UPDATES) as progress:
         weights = fit(learned, options.hidden, options.seed, progress.update)
-    write_atomically(options.output, packed(weights))
+    write_weights(options.output, weights)
     changes = int((np.diff(tested.held) != 0).sum())
     print(
         f"wrote {options.output}: in {len(tested.held):,} other frames with {changes:,} changes of "
         f"keys, it holds other keys than {options.robot} in {differing(weights, tested):.2%}."
     )
-
-
-def _shown(told: Iterator[int], progress: Progress, before: int) -> Iterator[int]:
-    for done, action in enumerate(told, before):
-        progress.update(done)
-        yield action
 
 
 def main() -> None:

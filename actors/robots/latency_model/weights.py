@@ -8,11 +8,14 @@ trusted.
 import io
 import zipfile
 from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from common.actions import KEYS_OF_ACTION
+from common.atomic_file import write_atomically
 from common.checked import MAX_SIZE
 from common.errors import InputError
 from common.pinned_file import MAX_BYTES, path_of, read
@@ -76,6 +79,14 @@ def read_weights(name: str) -> ModelWeights:
             f"{path_of(name)} holds no latency model ({error}): name an .npz file of Physical "
             f"Atari's format, with the arrays {', '.join(_MEMBERS)}."
         ) from None
+
+
+def write_weights(file: Path, weights: ModelWeights) -> None:
+    """Writes the file of a model, in float32 as Physical Atari's."""
+    arrays: dict[str, Any] = {name: each.astype(np.float32) for name, each in vars(weights).items()}
+    content = io.BytesIO()
+    np.savez(content, **arrays)
+    write_atomically(file, content.getvalue())
 
 
 def _arrays(content: bytes) -> dict[str, NDArray[np.float64]]:
