@@ -45,13 +45,15 @@ Watch a trained robot play in this terminal.
 
   ale-robot watch                                  the shipped robot at Pong
   ale-robot watch runs/NAME                        the newest network of a run
-  ale-robot watch ale_pong --env ale               the emulator, without a robot
+  ale-robot watch ale_pong                         the emulator, without a robot
+  ale-robot watch robot_pong_robust --camera.noise 20   a camera with noise
 
   NAME|FILE            network: robot_pong, ale_pong, a run's folder or a file
   --game GAME          game to play, such as breakout
   --epsilon SHARE      share of random actions, 0 to 1
   --games N            number of games; 0, the default, plays until you press q
   --seed N             seed of the games
+  --camera.*, --play.*      another camera, light, screen, hands or chance
 """,
     "train": """\
 Train a robot on this machine until Ctrl-C.
@@ -153,10 +155,12 @@ Play yourself, through the robot's hands: arrow keys, space, q.
 
   ale-robot human --game breakout
   ale-robot human --robot robotroller
+  ale-robot human --play.actuation-latency 12      with hands 200 ms later
   ale-robot human --record FOLDER                  for `train --demonstrations`
 
   --game GAME          game to play, such as breakout
   --robot NAME         robot: nao or robotroller
+  --camera.*, --play.*      another camera, light, screen, hands or chance
   --record FOLDER      folder for a LeRobot dataset of your games
 
   --record needs pip install 'ale-robot[record]'.
@@ -199,6 +203,7 @@ Film a game, or a run's progress: room, camera, hands and network.
                                                    trained with --keep-snapshots
 
   NAME|FILE            network that plays; a run's folder films its epochs
+  --camera.*, --play.*      another camera, light, screen, hands or chance
   --video FILE         film: .mp4, or .gif of at most 120 s
   --seconds S          seconds of play: by default a whole game, or, of a run,
                        8 for each epoch

@@ -18,7 +18,7 @@ from common.run.clock import ClockConfig
 from common.run.origin import find_weights, origin_of
 from learner.evaluation import offline
 from learner.evaluation.options import EPSILON, GAMES, EvaluationOptions
-from viewer.player import Played
+from viewer.player import settings_of
 
 
 class TrainedPolicy:
@@ -35,7 +35,7 @@ class TrainedPolicy:
 
     def __init__(self, weights: str | Path, *, epsilon: float = 0.0, seed: int = 1) -> None:
         self.weights = find_weights(weights)
-        self.config = Played().config(self.weights)
+        self.config = settings_of(self.weights)
         self._policy = Policy.of_file(self.config, self.weights, epsilon, seed)
 
     def make_env(self) -> gymnasium.Env[Any, Any]:

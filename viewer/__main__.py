@@ -24,13 +24,12 @@ from common.errors import InputError
 from common.process.command_line import parse
 from common.process.lifeline import on_signals
 from common.process.log_lines import LOADING, say, say_aside
-from common.process.own_flags import own_help
 from common.process.program_end import exit_on_input_error
 from viewer.check import Check
 from viewer.draws import Draws
 from viewer.film import Film
 from viewer.human import Human
-from viewer.player import Played
+from viewer.player import Played, parse_played
 from viewer.policies import Policies
 from viewer.record import Record
 from viewer.show import Play
@@ -55,12 +54,14 @@ def main() -> int:
     had_weights = kind not in (Human, Check, Draws, Policies)  # where no network was ever named
     if had_weights and any(argument.partition("=")[0] == "--weights" for argument in arguments):
         raise InputError("--weights is gone: name the network alone, as in `watch robot_pong`.")
+    command: Any
     if kind is None:
         command = parse(EVERY, "viewer", [name, *arguments])
-    else:
-        command = parse(kind, f"viewer {name}", arguments, own_help(arguments))
-    if isinstance(command, Played):
+    elif issubclass(kind, Played):
+        command = parse_played(kind, f"viewer {name}", arguments)
         command.check()
+    else:
+        command = parse(kind, f"viewer {name}", arguments)
     # A line would be in the picture that a terminal shows.
     stop = threading.Event() if isinstance(command, Watch | Human) else _ToldStop()
     on_signals(stop)

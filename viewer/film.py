@@ -64,13 +64,21 @@ class Film(Played):
     nao_urdf: File = None
     """URDF of another NAO, with meshes, to show in the panels; the physics stay the same."""
 
+    @property
+    def network(self) -> Path:
+        """The network to film; of a run, its newest, because all have the same settings."""
+        if (run := self._run) is not None:
+            newest = chapters_of(run)[-1].weights
+            assert newest is not None
+            return newest
+        return find_weights(self.shown) if self.shown else shown_weights(self.env)
+
     def check(self) -> None:
         if (run := self._run) is None:
             self._play().check()
             return
-        chapters = chapters_of(run)
-        self.config(chapters[-1].weights)
-        check_movie(self._video_of(run), self.seconds or _CHAPTER, len(chapters))
+        self.config()
+        check_movie(self._video_of(run), self.seconds or _CHAPTER, len(chapters_of(run)))
 
     def run(self, stop: threading.Event) -> None:
         """Films until the end, or until ``stop``. Raises InputError if the film cannot be
@@ -88,7 +96,7 @@ class Film(Played):
     def _play(self) -> Play:
         return Play(
             **{field.name: getattr(self, field.name) for field in fields(Played)},
-            weights=find_weights(self.shown) if self.shown else shown_weights(self.env),
+            weights=self.network,
             epsilon=self.epsilon,
             games=sys.maxsize if self.seconds else 1,  # a short game would end a film of seconds
             seconds=self.seconds,
@@ -102,7 +110,7 @@ class Film(Played):
     def _time_lapse(self, folder: Path, stop: threading.Event) -> None:
         chapters = chapters_of(folder)
         video = self._video_of(folder)
-        config = self.config(chapters[-1].weights)
+        config = self.config()
         with (
             shown_env(config) as env,
             closing(Panels(env, self.nao_urdf, orbiting=True)) as panels,

@@ -8,7 +8,7 @@ with the hands beside it. So the person feels what the agent has to live with.
 import threading
 import time
 from contextlib import ExitStack, closing
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import reduce
 from operator import or_
 from pathlib import Path
@@ -61,8 +61,6 @@ class Human(Played):
 
     record: Annotated[Path | None, tyro.conf.arg(metavar="FOLDER")] = None
     """Folder for a recording of your games, as `record` makes it; it must not exist yet."""
-    vector: Annotated[bool, tyro.conf.arg(name="play.vector")] = False
-    """Record proprioception too, for runs with --play.vector."""
 
     def check(self) -> None:
         if self.record is not None:
@@ -78,7 +76,6 @@ class Human(Played):
                 exists already.
         """
         config = self.config()
-        config = replace(config, play=replace(config.play, vector=self.vector))
         if not ENVIRONMENTS.find(config.env).robot:
             raise InputError(f"a person plays through a robot's hands: omit --env {config.env}.")
         terminal = Terminal(_LEAST_SIZE)

@@ -1,9 +1,10 @@
 """What is played for show, and by whom: random actions, or a network that keeps its values."""
 
+from collections.abc import Sequence
 from contextlib import closing
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
 import numpy as np
 import tyro
@@ -13,13 +14,17 @@ from numpy.typing import NDArray
 from actors.envs import make_env
 from actors.envs.shown_env import ShownEnv
 from actors.policy import Policy
-from common.process.command_line import WeightsFile
+from common.process.command_line import WeightsFile, parse
+from common.process.config_file import with_file
+from common.process.first_flags import read_first
+from common.process.own_flags import going_on_from, own_help
 from common.registry import ENVIRONMENTS
 from common.run.clock import ClockConfig
+from common.run.conditions import CameraConfig, PlayConfig
 from common.run.config import MAX_SEED, RunConfig
 from common.run.fit import check_fit
 from common.run.origin import origin_of
-from common.run.own_settings import ENVIRONMENT, ROBOT
+from common.run.own_settings import defaults_of
 from common.run.presets import PRESETS
 from common.run.rules import check_config, check_robot
 from common.run.stored_config import flat
@@ -34,70 +39,74 @@ def shown_env(config: RunConfig, clock: ClockConfig | None = None) -> closing[Sh
     return closing(make_env(config, clock, training=False))
 
 
+def settings_of(network: Path | None, env: str = RunConfig.env) -> RunConfig:
+    """Returns the settings under which ``network`` plays unless flags say otherwise: those of its
+    run. Without a run or a card, they are those of the environment ``env``, with all 18 actions.
+    Raises InputError if the settings in the run or the card cannot be read."""
+    trained = None if network is None else origin_of(network)
+    if trained is not None:
+        return trained.for_play
+    config = PRESETS[ENVIRONMENTS.find(env).preset]
+    return replace(config, play=replace(config.play, minimal_actions=False))
+
+
 @dataclass(frozen=True)
 class Played:
-    """The flags that all commands share: the game, and who plays it."""
+    """The flags that all commands share: the game and its conditions, and who plays it."""
 
-    env: str | None = None
-    """Environment: 'robot' by default, 'ale', or a registered one."""
-    game: str | None = None
-    """Game: any that ale-py bundles; pong by default."""
-    robot: str | None = None
-    """Robot: 'nao' by default, 'robotroller', a registered one, or FILE.npz, a latency model of the
-    hands."""
-    robot_settings: Annotated[str | None, tyro.conf.arg(name="play.robot-settings")] = None
-    """Settings that a robot declares for itself, such as 'rate=60' of a latency model."""
-    env_settings: Annotated[str | None, tyro.conf.arg(name="play.env-settings")] = None
-    """Settings that a registered environment declares for itself, such as 'lamps=4'."""
-    seed: Annotated[int, Ge(0), Lt(MAX_SEED)] | None = None
-    """Seed of the games and the random actions; by default that of the run's settings."""
-    minimal_actions: Annotated[
-        bool, tyro.conf.arg(name="play.minimal-actions", aliases=["--minimal-actions"])
-    ] = False
-    """Action set: the game's own actions (Pong: 6) instead of all 18."""
+    env: str = RunConfig.env
+    """Environment: 'robot', 'ale', or a registered one."""
+    game: str = RunConfig.game
+    """Game: any that ale-py bundles."""
+    seed: Annotated[int, Ge(0), Lt(MAX_SEED)] = RunConfig.seed
+    """Seed of the games and the random actions."""
+    play: PlayConfig = field(default_factory=PlayConfig)
+    camera: CameraConfig = field(default_factory=CameraConfig)
+
+    @property
+    def network(self) -> Path | None:
+        """The network that plays; None for random actions or a person."""
+        return None
 
     def check(self) -> None:
         """Refuses flags that cannot work, before PyTorch is loaded, which takes seconds. Raises
         InputError that names the flag."""
 
-    def config(self, weights: Path | None = None) -> RunConfig:
-        """Returns the settings: those of the run of ``weights``, changed by the given flags.
+    def config(self) -> RunConfig:
+        """Returns the settings: those of the run of the network, changed by these flags.
 
-        Without a run or a card, the robot plays Pong with all 18 actions. Raises InputError if the
-        configuration in the run or the card cannot be read, or if the network does not fit the
-        given flags.
+        Raises InputError if the flags cannot work, or if the network does not fit them.
         """
-        trained = None if weights is None else origin_of(weights)
-        config = trained
-        if config is None:
-            config = PRESETS[ENVIRONMENTS.find(self.env or RunConfig.env).preset]
-            config = replace(config, play=replace(config.play, minimal_actions=False))
-        given = {
-            ENVIRONMENT.name: self.env,
-            ENVIRONMENT.text: self.env_settings,
-            ROBOT.name: self.robot,
-            ROBOT.text: self.robot_settings,
-        }
-        play = replace(
-            config.play,
-            minimal_actions=self.minimal_actions or config.play.minimal_actions,
-            robot=self.robot or config.play.robot,
-            robot_settings=ROBOT.going_on(flat(config), given),
-            env_settings=ENVIRONMENT.going_on(flat(config), given),
-        )
-        before = config
-        config = replace(
-            config.for_play,
-            env=self.env or config.env,
-            game=self.game or config.game,
-            seed=config.seed if self.seed is None else self.seed,
-            play=play,
-        )
+        usual = settings_of(self.network, self.env)
+        given = {each.name: getattr(self, each.name) for each in fields(Played)}
+        config = replace(usual, **given)
         check_config(config)
-        check_robot(before, config)
-        if weights is not None:
-            check_fit(weights, trained, config)
+        check_robot(usual, config)
+        if self.network is not None:
+            check_fit(self.network, origin_of(self.network), config)
         return config
+
+
+P = TypeVar("P", bound=Played)
+
+
+def parse_played(kind: type[P], program: str, arguments: Sequence[str]) -> P:
+    """Parses as `common.process.command_line.parse` does. What no flag gives is as in the run of
+    the network, or else as in the preset of the environment."""
+    arguments = with_file(arguments)
+    known, _ = read_first(arguments, {"env": ["--env"]})
+    usual = settings_of(None, known.get("env", RunConfig.env))
+    command = _parse(kind, program, arguments, usual)
+    if (trained := settings_of(command.network, command.env)) == usual:
+        return command
+    return _parse(kind, program, going_on_from(flat(trained), arguments), trained)
+
+
+def _parse(kind: type[P], program: str, arguments: Sequence[str], usual: RunConfig) -> P:
+    usually = defaults_of(kind)
+    needed = {each.name: tyro.MISSING for each in fields(kind) if each.name not in usually}
+    defaults = {each.name: getattr(usual, each.name) for each in fields(Played)}
+    return parse(kind, program, arguments, own_help(arguments), **needed, **defaults)
 
 
 class ShownPolicy(Policy):

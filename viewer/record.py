@@ -43,17 +43,21 @@ class Record(Played):
     """Share of random actions."""
     clock: tyro.conf.OmitArgPrefixes[ClockConfig] = field(default_factory=ClockConfig)
 
+    @property
+    def network(self) -> Path:
+        return self.weights
+
     def check(self) -> None:
         check_extra("a recording", "record")
         check_new_folder(self.output)
         if self.games and self.minutes:
             raise InputError("--games and --minutes exclude each other: omit one of them.")
-        self.clock.check(self.config(self.weights).env)
+        self.clock.check(self.config().env)
 
     def run(self, stop: threading.Event) -> None:
         """Records the games or the minutes, or until ``stop`` is set. Raises InputError if weights
         or folder cannot be used."""
-        config = self.config(self.weights)
+        config = self.config()
         policy_seed, env_seed = map(int, np.random.SeedSequence(config.seed).generate_state(2))
         policy = Policy.of_file(config, self.weights, self.epsilon, policy_seed)
         minute = 60 * config.play.steps_per_second

@@ -3,6 +3,7 @@
 import threading
 from contextlib import AbstractContextManager, closing, nullcontext
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -50,6 +51,10 @@ class Play(Played):
     """URDF of another NAO, with meshes, to show in the panels; the physics stay the same."""
     clock: tyro.conf.OmitArgPrefixes[ClockConfig] = field(default_factory=ClockConfig)
 
+    @property
+    def network(self) -> Path | None:
+        return self.weights
+
     def check(self) -> None:
         if self.viewer is not None or self.save is not None:
             check_extra("--viewer rerun or --save", "viz")
@@ -57,12 +62,12 @@ class Play(Played):
             check_movie(self.video, self.seconds)
         if self.nao_urdf is not None and self.video is None:
             raise InputError("--nao-urdf shows another NAO in a film: add --video FILE.")
-        self.clock.check(self.config(self.weights).env)
+        self.clock.check(self.config().env)
 
     def run(self, stop: threading.Event) -> None:
         """Plays the games or the seconds, or until ``stop`` is set. Raises InputError if weights,
         viewer or the NAO of --nao-urdf cannot be used."""
-        config = self.config(self.weights)
+        config = self.config()
         policy_seed, env_seed = map(int, np.random.SeedSequence(config.seed).generate_state(2))
         policy = ShownPolicy.of_file(config, self.weights, self.epsilon, policy_seed)
         with (

@@ -70,24 +70,23 @@ class Watch(Played):
     games: Count = 0
     """Number of whole games; 0 plays until q."""
 
-    def check(self) -> None:
-        self.config(self._network)
-        check_terminal(LEAST_SIZE)
-
     @property
-    def _network(self) -> Path:
+    def network(self) -> Path:
         return self.weights or shown_weights(self.env)
+
+    def check(self) -> None:
+        self.config()
+        check_terminal(LEAST_SIZE)
 
     def run(self, stop: threading.Event) -> None:
         """Plays until there are enough games, or the person leaves. Raises InputError if there is
         no terminal, or it is too small, or the network cannot be used."""
-        weights = self._network
-        config = self.config(weights)
-        policy = ShownPolicy.of_file(config, weights, self.epsilon, config.seed)
+        config = self.config()
+        policy = ShownPolicy.of_file(config, self.network, self.epsilon, config.seed)
         terminal = Terminal(LEAST_SIZE)
         keys, scores = HeldKeys(), list[float]()
         with shown_env(config) as env, terminal:
-            screen = WatchScreen(env, config, name_of(weights))
+            screen = WatchScreen(env, config, name_of(self.network))
             answers = GraphicsAnswers()
             terminal.write(QUESTIONS)
             period, due = 1 / env.rate, time.monotonic()

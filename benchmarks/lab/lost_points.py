@@ -21,7 +21,7 @@ from benchmarks.report import Report, Row, main
 from common.checked import Fraction, FromOne
 from common.process.progress import Progress
 from common.run.config import RunConfig
-from viewer.player import Played
+from viewer.player import settings_of
 
 _AFTER = {0: "the start", 1: "a point won", -1: "a point lost"}
 
@@ -102,7 +102,7 @@ def measure(options: Options) -> Report:
     import torch  # only here, so that wrong flags are answered at once
 
     torch.set_num_threads(1)
-    trained = replace(Played().config(options.network), seed=options.seed)
+    trained = replace(settings_of(options.network), seed=options.seed)
     config = replace(trained, play=replace(trained.play, sticky=options.sticky))
     policy = Policy.of_file(config, options.network, options.epsilon, options.seed)
     points = list(points_of(games_of(config, policy, options.games)))

@@ -57,10 +57,9 @@ def name_of(weights: Path) -> str:
     return weights.stem if weights.parent == SHIPPED else str(weights)
 
 
-def shown_weights(env: str | None) -> Path:
-    """Returns the network that plays in the environment ``env``, by default the usual one, if no
-    network is named. Raises InputError if none is published."""
-    env = env or RunConfig.env
+def shown_weights(env: str) -> Path:
+    """Returns the network that plays in the environment ``env`` if no network is named. Raises
+    InputError if none is published."""
     return find_weights(SHOWN.get(env, env))
 
 

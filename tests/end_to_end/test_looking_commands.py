@@ -6,6 +6,7 @@ import cv2
 import pytest
 from safetensors.numpy import load_file
 
+from common.run.presets import PRESETS
 from tests.end_to_end.conftest import SMALL, Stage
 
 
@@ -21,8 +22,8 @@ def test_what_a_run_learned_is_played_and_filmed_with_its_settings(stage: Stage)
     ).ends()
 
     snapshot = load_file(stage.run / "snapshots" / "best.safetensors")
-    # Pong's own actions, instead of 18.
-    assert snapshot["actions.weight"].shape[0] == 6
+    # Quantiles of Pong's own actions, instead of 18.
+    assert snapshot["actions.weight"].shape[0] == 6 * PRESETS["robot"].learning.quantiles
     steps = [int(found) for found in re.findall(r"game \d: score −?\d+ in (\d+) steps", output)]
     # 240 frames are 60 agent steps, random starts included.
     assert steps == [60, 60]

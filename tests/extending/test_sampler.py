@@ -22,7 +22,7 @@ from tests.end_to_end.conftest import SMALL, Stage
 from tests.extending.toy_sampler import NEWEST
 from tests.extending.whole_run import added
 from tests.replay.replay_reference import GOES_ON, Actor, make_config
-from viewer.player import Played
+from viewer.player import settings_of
 
 
 def test_it_draws_and_hears_of_priorities_after_a_restart_too(tmp_path: Path) -> None:
@@ -51,7 +51,7 @@ def test_actors_join_and_its_policy_plays_without_its_package(tmp_path: Path) ->
     assert Announcement.decode(told.encode()) == told
     weights = tmp_path / "w.safetensors"
     weights.write_bytes(encode_weights(build_network(config, config.action_count), config))
-    assert Played().config(weights) == config.for_play
+    assert settings_of(weights) == config.for_play
 
 
 def _drawing(draw: Callable[..., Any]) -> SamplerKind:

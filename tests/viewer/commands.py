@@ -1,10 +1,19 @@
 """Commands of `python -m viewer`, in the process of a test."""
 
 import sys
+from typing import TypeVar
 
 import pytest
 
 from viewer.__main__ import main
+from viewer.player import Played, parse_played
+
+P = TypeVar("P", bound=Played)
+
+
+def parsed(kind: type[P], *arguments: object) -> P:
+    """The command ``kind`` with these arguments, under the settings of the network it names."""
+    return parse_played(kind, "viewer", list(map(str, arguments)))
 
 
 def command(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int:

@@ -29,6 +29,7 @@ from tests.extending.test_environment import LAMPS
 from tests.extending.test_robot import FINGER
 from tests.extending.test_robot import config as finger_config
 from tests.extending.whole_run import added
+from tests.viewer.commands import parsed
 from viewer import overlay
 from viewer.film import Chapter, Film, chapters_of, titled
 from viewer.panels import Panels
@@ -91,7 +92,7 @@ def test_a_run_is_filmed_chapter_by_chapter(
     run: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr("common.process.progress.PLAIN_SECONDS", 0.0)
-    Film(shown=run, seconds=0.2).run(threading.Event())
+    parsed(Film, run, "--seconds", 0.2).run(threading.Event())
     video = run / "films" / "learning.mp4"
     told = capsys.readouterr()
     assert told.out == f"wrote {video}\n"
@@ -106,7 +107,7 @@ def test_a_run_is_filmed_chapter_by_chapter(
 
 
 def test_the_shortest_chapter_has_a_picture(run: Path) -> None:
-    Film(shown=run, seconds=0.001).run(threading.Event())
+    parsed(Film, run, "--seconds", 0.001).run(threading.Event())
     assert len(pictures_of(run / "films" / "learning.mp4")) == 3
 
 
@@ -128,9 +129,8 @@ def test_a_film_of_a_run_has_its_flags_and_shows_each_networks_values(
 
     monkeypatch.setattr("viewer.film.Panels", Shown)
     for seed in (5, 6):
-        Film(seed=seed, shown=run, seconds=0.07, epsilon=0.25, nao_urdf=Path("own.urdf")).run(
-            threading.Event()
-        )
+        flags = ("--seed", seed, "--seconds", 0.07, "--epsilon", 0.25, "--nao-urdf", "own.urdf")
+        parsed(Film, run, *flags).run(threading.Event())
     first, other = shown[:4], shown[4:]
     assert first[0] == (Path("own.urdf"), True)
     assert [told[2:] for told in first[1:]] == [(1.0, True), (0.25, False), (0.25, False)]
@@ -144,15 +144,16 @@ def test_a_film_that_is_stopped_ends_with_its_last_picture_and_says_so(
     stop = threading.Event()
     stop.set()
     video = run / "films" / "learning.mp4"
-    Film(shown=run).run(stop)
+    parsed(Film, run).run(stop)
     assert len(pictures_of(video)) == 1
     assert capsys.readouterr().out == f"stopped after 0.1 s of play\nwrote {video}\n"
     best, video = run / "snapshots" / "best.safetensors", run / "best.mp4"
-    Film(shown=best, video=video).run(stop)
+    parsed(Film, best, "--video", video).run(stop)
     assert len(pictures_of(video)) == 1
     told = f"\nstopped after 0.1 s of play\nwrote {video}\n"
     assert capsys.readouterr().out.endswith(told)
-    Film(shown=run, video=run / "short.gif").run(stop)  # three chapters by default are no 120 s
+    # Three chapters by default are no 120 s.
+    parsed(Film, run, "--video", run / "short.gif").run(stop)
 
 
 def test_an_environment_from_outside_is_filmed_as_it_renders_itself(
@@ -162,7 +163,7 @@ def test_an_environment_from_outside_is_filmed_as_it_renders_itself(
     weights.write_bytes(encode_weights(build_network(LAMPS_CONFIG, 3), LAMPS_CONFIG))
     video = tmp_path / "lamps.mp4"
     with added(ENVIRONMENTS, LAMPS):
-        Film(shown=weights, video=video, seconds=2.4).run(threading.Event())
+        parsed(Film, weights, "--video", video, "--seconds", 2.4).run(threading.Event())
         # Another player of the same seeds.
         policy_seed, env_seed = map(
             int, np.random.SeedSequence(LAMPS_CONFIG.seed).generate_state(2)
@@ -202,7 +203,7 @@ def test_a_robot_from_outside_is_filmed_by_its_own_views(tmp_path: Path) -> None
     with added(ROBOTS, FINGER):
         network = build_network(config, config.action_count)
         weights.write_bytes(encode_weights(network, config))
-        Film(shown=weights, video=video, seconds=0.2).run(threading.Event())
+        parsed(Film, weights, "--video", video, "--seconds", 0.2).run(threading.Event())
     pictures = pictures_of(video)
     assert len(pictures) == 3
     for picture in pictures:
@@ -227,9 +228,9 @@ def test_a_title_stands_above_the_picture() -> None:
 def test_a_gif_of_a_run_is_no_longer_than_one_of_a_game(run: Path) -> None:
     gif = run / "films" / "f.GIF"
     with pytest.raises(InputError, match=r"choose --seconds up to 40, or an \.mp4"):
-        Film(shown=run, video=gif, seconds=40.1).check()
+        parsed(Film, run, "--video", gif, "--seconds", 40.1).check()
     assert not gif.exists()
-    Film(shown=run, video=gif, seconds=0.07).run(threading.Event())
+    parsed(Film, run, "--video", gif, "--seconds", 0.07).run(threading.Event())
     assert gif.exists()
 
 
@@ -239,15 +240,12 @@ def test_a_network_is_filmed_under_the_given_flags(
     filmed: list[Play] = []
     monkeypatch.setattr(Play, "run", lambda play, stop: filmed.append(play))
     shown = run / "snapshots" / "best.safetensors"
-    given: dict[str, Any] = {
-        "seed": 3,
-        "epsilon": 0.5,
-        "seconds": 2.0,
-        "video": Path("v.mp4"),
-        "nao_urdf": Path("own.urdf"),
-    }
-    Film(shown=shown, **given).run(threading.Event())
-    assert filmed == [Play(weights=shown, games=sys.maxsize, **given)]
+    flags = ("--epsilon", 0.5, "--seconds", 2.0, "--video", "v.mp4", "--nao-urdf", "own.urdf")
+    world = ("--seed", 3, "--camera.noise", 8, "--play.sticky", 0.25)
+    parsed(Film, shown, *flags, *world).run(threading.Event())
+    (play,) = filmed
+    assert play == replace(parsed(Play, shown, *flags, *world), games=sys.maxsize)
+    assert (play.seed, play.camera.noise, play.play.sticky) == (3, 8.0, 0.25)
 
 
 def test_without_a_network_the_published_one_of_the_environment_is_filmed(
@@ -255,17 +253,17 @@ def test_without_a_network_the_published_one_of_the_environment_is_filmed(
 ) -> None:
     filmed = []
     monkeypatch.setattr(Play, "run", lambda play, stop: filmed.append(play.weights))
-    for env in (None, "ale"):
-        Film(env=env).run(threading.Event())
+    for flags in ((), ("--env", "ale")):
+        parsed(Film, *flags).run(threading.Event())
     assert filmed == [find_weights("robot_pong_sticky"), find_weights("ale_pong_sticky")]
 
 
 def test_what_cannot_be_filmed_is_told(run: Path, tmp_path: Path) -> None:
-    Film(shown=run, video=Path("f.gif")).check()  # its length depends on the run
+    parsed(Film, run, "--video", "f.gif").check()  # its length depends on the run
     with pytest.raises(InputError, match="is not the folder of a run"):
-        Film(shown=tmp_path).check()
+        parsed(Film, tmp_path)
     with pytest.raises(InputError, match="did you mean robot_pong"):
-        Film(shown=Path("robot_pnog")).check()
+        parsed(Film, "robot_pnog")
     (run / "epochs.csv").write_text(",".join(COLUMNS) + "\n1,train,soon\n")
     with pytest.raises(InputError, match=r"epochs\.csv is damaged"):
         chapters_of(run)

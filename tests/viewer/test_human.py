@@ -172,7 +172,7 @@ def test_the_hands_are_beside_the_game() -> None:
 
 @pytest.mark.usefixtures("forks")
 def test_what_a_person_plays_is_recorded(tmp_path: Path) -> None:
-    person = Person("human", "--record", str(tmp_path / "d"), "--minimal-actions")
+    person = Person("human", "--record", str(tmp_path / "d"), "--play.minimal-actions")
     try:
         # Right and down are no action of Pong: down alone is not either, right is.
         person.sees("you ···→·", typing=b"\x1b[C")

@@ -34,6 +34,7 @@ from learner.demonstrations import Demonstrations
 from tests.actors.numbered_env import GAME_OVER, GOES_ON
 from tests.paths import ROOT
 from tests.recordings import CONFIG, record
+from tests.viewer.commands import parsed
 from viewer.record import Record
 
 POLICIES = ROOT / "policies"
@@ -46,12 +47,12 @@ def test_a_recording_has_the_play_the_video_and_the_keys(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder = tmp_path / "d"
-    command = Record(weights=ALE, output=folder, minutes=0.1, epsilon=0.5)
+    command = parsed(Record, ALE, "-o", folder, "--minutes", 0.1, "--epsilon", 0.5)
     command.run(threading.Event())
     assert capsys.readouterr().out == f"wrote 1 game of 90 steps, cut at the end, to {folder}\n"
 
     # Another player of the same seeds sees and does the same.
-    config = command.config(ALE)
+    config = command.config()
     policy_seed, env_seed = map(int, np.random.SeedSequence(config.seed).generate_state(2))
     policy = Policy.of_file(config, ALE, 0.5, policy_seed)
     env = make_env(config, training=True)
@@ -79,7 +80,7 @@ def test_a_recording_has_the_play_the_video_and_the_keys(
 
 def test_a_robots_joints_are_recorded(tmp_path: Path) -> None:
     weights = POLICIES / "robot_pong.safetensors"
-    Record(weights=weights, output=tmp_path / "d", minutes=0.03).run(threading.Event())
+    parsed(Record, weights, "-o", tmp_path / "d", "--minutes", 0.03).run(threading.Event())
     table = pq.read_table(file_of(tmp_path / "d", DATA_PATH, 0))
     joints = np.array(table["observation.state"].to_pylist())
     assert joints.shape == (27, 8)
@@ -99,7 +100,7 @@ def time_of(frame: av.VideoFrame) -> float:
 def test_it_says_what_lerobot_says_of_a_dataset(tmp_path: Path) -> None:
     # As lerobot 0.4 writes them: https://huggingface.co/docs/lerobot/lerobot-dataset-v3.
     stop, folder = threading.Event(), tmp_path / "d"
-    Record(weights=ALE, output=folder, minutes=0.1, epsilon=0.5).run(stop)
+    parsed(Record, ALE, "-o", folder, "--minutes", 0.1, "--epsilon", 0.5).run(stop)
     told = json.loads((folder / INFO).read_text())
     assert type(told["fps"]) is int
     assert (told["fps"], told["total_episodes"], told["total_frames"]) == (15, 1, 90)
@@ -180,7 +181,7 @@ def test_quantiles_of_games_are_their_weighted_mean(tmp_path: Path) -> None:
 def test_what_was_recorded_stays(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     stop = threading.Event()
     stop.set()
-    command = Record(weights=ALE, output=tmp_path / "d", games=3)
+    command = parsed(Record, ALE, "-o", tmp_path / "d", "--games", 3)
     command.run(stop)
     assert "wrote 1 game of 1 step, cut at the end, to" in capsys.readouterr().out
     with pytest.raises(InputError, match=r"d already exists: name a new folder"):
@@ -198,7 +199,7 @@ def test_a_game_whose_film_cannot_be_written_is_not_counted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("viewer.recorder.open_movie", full_at_the_end)
-    command = Record(weights=ALE, output=tmp_path / "d", minutes=0.01)
+    command = parsed(Record, ALE, "-o", tmp_path / "d", "--minutes", 0.01)
     with pytest.raises(InputError, match=r"d cannot be written \(No space .* another folder\.$"):
         command.run(threading.Event())
     assert not (tmp_path / "d").exists()
@@ -210,7 +211,7 @@ def test_a_recording_that_cannot_begin_leaves_no_folder(
     def refuse(*_: object) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    command = Record(weights=ALE, output=tmp_path / "d", minutes=0.01)
+    command = parsed(Record, ALE, "-o", tmp_path / "d", "--minutes", 0.01)
     with monkeypatch.context() as full:
         full.setattr("common.dataset.writer.write_atomically", refuse)
         with pytest.raises(InputError, match=r"d cannot be written \(No space left on device\)"):
@@ -234,7 +235,7 @@ def test_without_pyarrow_it_says_what_to_install(
         monkeypatch.delitem(sys.modules, module, raising=False)
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     with pytest.raises(InputError, match=r"a recording needs the package pyarrow.*\[record\]"):
-        Record(weights=ALE, output=tmp_path / "d").run(threading.Event())
+        parsed(Record, ALE, "-o", tmp_path / "d").run(threading.Event())
     assert not (tmp_path / "d").exists()
     with pytest.raises(InputError, match=r"--demonstrations needs the package pyarrow"):
         Demonstrations(tmp_path / "d", CONFIG)
@@ -254,7 +255,7 @@ def test_one_that_was_killed_has_the_games_before(
 @pytest.mark.skipif(LEROBOT is None, reason="LEROBOT_PYTHON names no interpreter with lerobot")
 def test_lerobot_reads_what_was_recorded(tmp_path: Path) -> None:
     assert LEROBOT is not None
-    Record(weights=ALE, output=tmp_path / "d", minutes=0.2).run(threading.Event())
+    parsed(Record, ALE, "-o", tmp_path / "d", "--minutes", 0.2).run(threading.Event())
     (rows,) = Dataset(tmp_path / "d").read()
     script = """
 import json, sys

@@ -28,7 +28,7 @@ from tests.extending.test_robot import FINGER
 from tests.extending.test_robot import config as finger_config
 from tests.extending.whole_run import added
 from tests.viewer.rrd import at, recorded
-from viewer.player import Played, ShownPolicy, shown_env
+from viewer.player import ShownPolicy, settings_of, shown_env
 from viewer.rerun_stream import RerunStream
 
 STEPS = 54
@@ -38,7 +38,7 @@ STEPS = 54
 @pytest.fixture
 def emulator() -> Any:
     """The cheapest environment."""
-    with closing(make_env(Played(env="ale").config(), training=False)) as env:
+    with closing(make_env(settings_of(None, "ale"), training=False)) as env:
         yield env
 
 
@@ -48,7 +48,7 @@ def game(tmp_path_factory: pytest.TempPathFactory) -> SimpleNamespace:
     pytest.importorskip("rerun", reason="needs pip install 'ale-robot[viz]'")
     path = tmp_path_factory.mktemp("rerun") / "new" / "game.rrd"
     weights = find_weights("robot_pong")
-    config = Played(minimal_actions=True).config(weights)
+    config = settings_of(weights)
     policy = ShownPolicy.of_file(config, weights, 0.999, 3)  # soon a point is lost
     truth = []
     with closing(make_env(config, training=False)) as env:
@@ -214,7 +214,7 @@ def test_a_robot_without_a_room_has_pictures_and_figures(tmp_path: Path) -> None
 
 def test_an_emulator_alone_has_no_keys(tmp_path: Path, emulator: Any) -> None:
     pytest.importorskip("rerun", reason="needs pip install 'ale-robot[viz]'")
-    config = Played(env="ale").config()
+    config = settings_of(None, "ale")
     policy = ShownPolicy.of_file(config, None, 1.0, 0)
     stream = RerunStream(emulator, live=False, save=tmp_path / "a.rrd")
     with closing(stream):

@@ -27,7 +27,7 @@ from common.process.log_lines import LOADING
 from common.protocol.weights import encode_weights
 from common.registry import ENVIRONMENTS, ROBOTS, Environment, RobotKind
 from common.run.clock import ClockConfig
-from common.run.conditions import PlayConfig
+from common.run.conditions import CameraConfig, PlayConfig
 from common.run.config import RunConfig
 from common.run.presets import PRESETS
 from common.run.ranges import RandomiseConfig
@@ -36,7 +36,7 @@ from tests.actors.robots.latency_model.models import delay, saved
 from tests.extending.test_environment import LAMPS
 from tests.extending.whole_run import added
 from tests.patience import PATIENCE
-from tests.viewer.commands import command
+from tests.viewer.commands import command, parsed
 from tests.viewer.rrd import recorded
 from viewer.__main__ import COMMANDS, main
 from viewer.check import CORNERS_IN_PLACE, Check
@@ -154,19 +154,19 @@ def test_a_robots_own_settings_go_over_those_of_the_run(tmp_path: Path) -> None:
     tall = RobotKind("tall", "nowhere:tall", joints=8, settings=TallSettings)
     play = replace(PRESETS["robot"].play, robot="tall", robot_settings="reach=2 depth=3")
     weights = in_run(tmp_path, replace(PRESETS["robot"], play=play), 6)
+    own = "--play.robot-settings"
     with added(ROBOTS, tall):
         for flags, text in (
-            (Played(), "reach=2 depth=3"),
-            (Played(robot="tall", robot_settings="depth=4"), "reach=2 depth=4"),
-            (Played(robot_settings=""), ""),
-            (Played(robot="nao"), ""),
+            ((), "reach=2 depth=3"),
+            (("--robot", "tall", own, "depth=4"), "reach=2 depth=4"),
+            ((own, ""), ""),
+            (("--robot", "nao"), ""),
         ):
-            assert flags.config(weights).play.robot_settings == text
-        assert Played(robot="tall", robot_settings="reach=2").config().play.robot_settings == (
-            "reach=2"
-        )
+            assert parsed(Play, weights, *flags).config().play.robot_settings == text
+        alone = parsed(Play, "--robot", "tall", own, "reach=2")
+        assert alone.config().play.robot_settings == "reach=2"
         with pytest.raises(InputError, match=r"play\.robot_settings\.depth is 'x'"):
-            Played(robot_settings="depth=x").config(weights)
+            parsed(Play, weights, own, "depth=x").config()
 
 
 def test_a_latency_model_named_again_keeps_its_rate(tmp_path: Path) -> None:
@@ -174,29 +174,59 @@ def test_a_latency_model_named_again_keeps_its_rate(tmp_path: Path) -> None:
     play = replace(PRESETS["robot"].play, robot=hashed, robot_settings="rate=60")
     weights = in_run(tmp_path, replace(PRESETS["robot"], play=play), 6)
     for robot, settings in (("m.npz", "rate=60"), ("other.npz", "")):
-        assert Played(robot=robot).config(weights).play.robot_settings == settings
+        found = parsed(Play, weights, "--robot", robot).config().play
+        assert found.robot_settings == settings
 
 
 def test_what_is_played_comes_from_the_run_of_the_weights(tmp_path: Path) -> None:
     ran = replace(PRESETS["fast"], game="breakout")
     drawing = replace(ran, randomise=RandomiseConfig(latency=3))
     weights = in_run(tmp_path, drawing, 4)
-    assert Played().config(weights) == ran
-    changed = Played("robot", "kaboom", seed=3).config(weights)
-    assert changed == replace(ran, env="robot", game="kaboom", seed=3)
+    assert parsed(Play, weights).config() == ran
+    flags = ("--env", "robot", "--game", "kaboom", "--seed", "3")
+    changed = replace(ran, env="robot", game="kaboom", seed=3)
+    assert parsed(Play, weights, *flags).config() == changed
     alone = tmp_path / "alone.safetensors"
-    assert Played().config(alone).play.minimal_actions is False
-    assert Played("ale", minimal_actions=True).config().play.minimal_actions is True
-    assert Played("ale").config().preset == "fast"
-    assert Played().config().env == "robot"
-    assert Played(seed=0).config(weights).seed == 0
+    alone.write_bytes(encode_weights(build_network(ran, 18)))
+    assert parsed(Play, alone).config().play.minimal_actions is False
+    own_actions = parsed(Play, "--env", "ale", "--play.minimal-actions").config()
+    assert (own_actions.play.minimal_actions, own_actions.preset) == (True, "fast")
+    assert parsed(Play).config().env == "robot"
+    assert parsed(Play, weights, "--seed", "0").config().seed == 0
     with pytest.raises(InputError, match="trained with 4 actions, and here it would have 18"):
-        Played(game="pitfall").config(weights)
-    assert Played(robot="a.npz").config(weights).play == replace(ran.play, robot="a.npz")
+        parsed(Play, weights, "--game", "pitfall").config()
+    model = parsed(Play, weights, "--robot", "a.npz").config()
+    assert model.play == replace(ran.play, robot="a.npz")
     with pytest.raises(InputError, match="there is no robot 'atlas'"):
-        Played(robot="atlas").config()
+        parsed(Play, "--robot", "atlas").config()
     with pytest.raises(InputError, match=r"^--robot robotroller is for a robot, and --env ale has"):
-        Played("ale", robot="robotroller").config(weights)
+        parsed(Play, weights, "--robot", "robotroller").config()
+
+
+def test_a_network_is_shown_in_another_world_than_its_own(tmp_path: Path) -> None:
+    ran = replace(
+        PRESETS["robot"],
+        play=replace(PRESETS["robot"].play, sticky=0.25, actuation_latency=4),
+        camera=CameraConfig(noise=5.0, gamma=1.2),
+    )
+    weights = in_run(tmp_path, ran, 6)
+    # What is given holds even if it is the usual value; all else is as in the run.
+    world = ("--play.sticky", 0, "--camera.noise", 8, "--camera.gamma", 1)
+    found = parsed(Play, weights, *world).config()
+    assert found == replace(ran, play=replace(ran.play, sticky=0.0), camera=CameraConfig(noise=8.0))
+    with pytest.raises(InputError, match=r"^camera\.noise is 300(\.0)?: choose at most 255"):
+        parsed(Play, weights, "--camera.noise", 300).config()
+
+
+def test_without_a_robots_joints_the_emulators_network_plays_by_a_robot(tmp_path: Path) -> None:
+    play = replace(PRESETS["fast"].play, vector=True)
+    config = replace(PRESETS["fast"], play=play)
+    weights = tmp_path / "w.safetensors"
+    weights.write_bytes(encode_weights(build_network(config, 6), config))
+    with pytest.raises(InputError, match=r"of proprioception: add .*--env ale"):
+        parsed(Play, weights, "--env", "robot").config()
+    found = parsed(Play, weights, "--env", "robot", "--play.no-vector-joints").config()
+    assert (found.env, found.vector_width) == ("robot", config.vector_width)
 
 
 @dataclass(frozen=True)
@@ -215,14 +245,15 @@ def test_another_robot_is_watched_without_the_settings_of_the_former(tmp_path: P
     ran = replace(PRESETS["fast"], env="world", game="breakout", play=play)
     with added(ROBOTS, tall), added(ENVIRONMENTS, world):
         weights = in_run(tmp_path, ran, 4)
-        assert Played().config(weights).play == play
-        assert Played("world", robot="tall").config(weights).play == play
-        found = Played(env_settings="reach=3").config(weights).play
-        assert found == replace(play, env_settings="reach=3")
-        found = Played(robot="nao").config(weights).play
-        assert found == replace(play, robot="nao", robot_settings="")
-        found = Played("ale").config(weights).play
-        assert found == replace(play, env_settings="")
+        cases: tuple[tuple[tuple[str, ...], dict[str, Any]], ...] = (
+            ((), {}),
+            (("--env", "world", "--robot", "tall"), {}),
+            (("--play.env-settings", "reach=3"), {"env_settings": "reach=3"}),
+            (("--robot", "nao"), {"robot": "nao", "robot_settings": ""}),
+            (("--env", "ale"), {"env_settings": ""}),
+        )
+        for flags, changes in cases:
+            assert parsed(Play, weights, *flags).config().play == replace(play, **changes)
 
 
 def test_weights_that_do_not_fit(tmp_path: Path) -> None:

@@ -32,6 +32,7 @@ from tests.extending.test_robot import FINGER
 from tests.extending.test_robot import config as finger_config
 from tests.extending.whole_run import added
 from tests.paths import ROOT
+from tests.viewer.commands import parsed
 from tests.viewer.person import Person
 from viewer.player import ShownPolicy, shown_env
 from viewer.terminal.graphics import Graphics
@@ -271,7 +272,7 @@ def test_without_a_terminal_it_is_refused_before_anything_is_built(
 ) -> None:
     monkeypatch.delattr(viewer.watch, "shown_env")
     with pytest.raises(InputError, match="need a terminal: run this command in one"):
-        Watch(env="ale").run(threading.Event())
+        parsed(Watch, "--env", "ale").run(threading.Event())
 
 
 def test_a_terminal_that_cannot_draw_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -279,7 +280,7 @@ def test_a_terminal_that_cannot_draw_is_refused(monkeypatch: pytest.MonkeyPatch)
         monkeypatch.setattr(stream, "isatty", lambda: True)
     monkeypatch.setenv("TERM", "dumb")
     with pytest.raises(InputError, match=r"^a terminal of TERM=dumb draws no pictures: use"):
-        Watch(env="ale").check()
+        parsed(Watch, "--env", "ale").check()
 
 
 def test_a_file_that_is_no_network_is_told_before_the_terminal_that_is_missing(
@@ -288,9 +289,9 @@ def test_a_file_that_is_no_network_is_told_before_the_terminal_that_is_missing(
     page = tmp_path / "README.md"
     page.write_text("# A page\n")
     with pytest.raises(InputError, match=r"README\.md holds no network .*: name a \.safetensors"):
-        Watch(weights=page).check()
+        parsed(Watch, page).check()
     with pytest.raises(InputError, match="need a terminal"):
-        Watch(env="ale").check()
+        parsed(Watch, "--env", "ale").check()
 
 
 class Clock:
@@ -349,7 +350,7 @@ def test_it_plays_as_fast_as_the_game_and_keeps_the_pace_after_a_late_picture(
     monkeypatch.setattr("viewer.watch.time", clock)
     monkeypatch.setattr("viewer.watch.Terminal", NoTerminal)
     monkeypatch.setattr("viewer.watch.WatchScreen.draw", draw)
-    Watch(env="ale").run(stop)
+    parsed(Watch, "--env", "ale").run(stop)
     # Steps of 1/15 s, without the time of drawing; the third is late, and not made up for.
     period = 1 / 15
     assert clock.waited == pytest.approx(
