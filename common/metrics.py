@@ -47,6 +47,8 @@ class Bound:
     """Whether a run in which it keeps failing ends itself; see `learner.health_guard`."""
     quiet: bool = False
     """Whether the check is listed only when it fails."""
+    who: str = ""
+    """Key of the figure that names who is at fault."""
 
     def admits(self, value: float) -> bool:
         """Whether ``value`` is within the bound; NaN never is."""
@@ -211,6 +213,12 @@ declare(
            gate="following_frames",
            bound=Bound("following frames", "≥", 0.5,
                        "frames stay the same while the game goes on", quiet=True)),
+    Metric("play/faulty_actors", "processes", "count",
+           "Actors of whose newest steps fewer than half saw the screen, saw it change, or ended "
+           "with the commanded keys",
+           bound=Bound("faulty actors", "=", 0, "some robots see nothing new, or press no keys",
+                       quiet=True, who="play/faulty_actor_names")),
+    Metric("play/faulty_actor_names", "none", "text", "Names of three faulty actors"),
 
     Metric("learning/pixel_deviation", "grey levels", "significant",
            "Standard deviation of a sampled frame's pixels, mean over the recent updates",

@@ -26,8 +26,11 @@ known yet."""
 MAX_SILENCE = 600.0
 """Seconds without a report after which a present evaluator is given up, if there is another one.
 While it plays it reports at least once a minute."""
+ABSENCE = 120.0
+"""Seconds without any evaluator after which tests are given up: one that has crashed, or lost its
+connection, is back before."""
 MAX_WAITING = 4
-"""Maximum number of tests that wait for the first evaluator; each keeps a snapshot on disk."""
+"""Maximum number of tests that wait where there is no evaluator; each keeps a snapshot on disk."""
 
 
 @dataclass
@@ -87,6 +90,8 @@ class EvaluationCoordinator:
         self._over = False
         self.reports = 0
         """Number of reports that were taken so far."""
+        self._present_at = -math.inf
+        """Time at which there was an evaluator."""
         self._backlog = MAX_WAITING
         """Number of waiting tests above which people are told; it doubles, because epochs may take
         a second each."""
@@ -96,7 +101,8 @@ class EvaluationCoordinator:
     def add(
         self, test: EpochTest, weights: bytes, record: Callable[[], object] = lambda: None
     ) -> None:
-        """Queues the test of ``weights``; without evaluators only the newest few tests wait.
+        """Queues the test of ``weights``. Where there is no evaluator, only the newest few tests
+        wait, and those that have begun.
 
         Args:
             record: writes the row of the test's epoch. If this or the snapshot cannot be written,
@@ -105,16 +111,25 @@ class EvaluationCoordinator:
         self.snapshots.write(test.epoch, weights)
         record()
         test.checksum = crc32(weights)
-        nobody = not self.evaluators()
+        present = self._who_is_present()
+        gone = self.now() - self._present_at > ABSENCE
         with self._lock:
             self._tests[test.epoch] = test
             self._unneeded.discard(test.epoch)  # a killed learner may have left its snapshot
             given = {shard.epoch for shard in self._shards.values()}
             waiting = sorted(self._tests.keys() - given)
-            for epoch in waiting[:-MAX_WAITING] if nobody else ():
+            unbegun = [epoch for epoch in waiting if not self._tests[epoch].steps]
+            given_up = unbegun[:-MAX_WAITING] if gone else []
+            for epoch in given_up:
                 del self._tests[epoch]
                 self._unneeded.add(epoch)
-        if len(waiting) > self._backlog and not nobody:
+        if given_up and math.isfinite(self._present_at):  # else a run that wants no tests
+            _log.warning(
+                "epochs up to %d stay untested, because all evaluators have left: start one with "
+                "ale-robot join --evaluator",
+                given_up[-1],
+            )
+        if len(waiting) > self._backlog and present:
             self._backlog = 2 * len(waiting)
             _log.warning(
                 "%d tests wait for evaluators, which are slower than the training: start more of "
@@ -138,7 +153,7 @@ class EvaluationCoordinator:
 
         It also takes back the shards of lost evaluators.
         """
-        present = self.evaluators()
+        present = self._who_is_present()
         now = self.now()
         with self._lock:
             for name, shard in list(self._shards.items()):
@@ -241,7 +256,7 @@ class EvaluationCoordinator:
 
         An evaluator that asks again gives up the shard that it had.
         """
-        everyone = len(self.evaluators() | {evaluator})
+        everyone = len(self._who_is_present() | {evaluator})
         with self._lock:
             if evaluator in self._shards:
                 self._give_back(evaluator)
@@ -294,6 +309,11 @@ class EvaluationCoordinator:
             if report.done:
                 # With the steps that another process of the same name has left unplayed.
                 self._give_back(report.evaluator)
+
+    def _who_is_present(self) -> set[str]:
+        if present := self.evaluators():
+            self._present_at = self.now()
+        return present
 
     def _drop(self, epoch: int) -> None:
         with self._lock:

@@ -43,6 +43,16 @@ def keys_can_follow(play: PlayConfig) -> bool:
     return not _is_late(play) and play.read_keys == "frame" and press <= play.frame_skip
 
 
+def latest_play(config: RunConfig) -> PlayConfig:
+    """Returns the settings of play, with the longest latencies that may be drawn."""
+    return replace(
+        config.play,
+        press_latency=config.play.press_latency + config.randomise.press_latency,
+        actuation_latency=config.play.actuation_latency + config.randomise.latency,
+        actuation_jitter=config.play.actuation_jitter + config.randomise.jitter,
+    )
+
+
 def _is_late(play: PlayConfig) -> bool:
     """Returns whether commands come late on purpose, or because the robot is slow by nature."""
     prompt = ROBOTS.find(play.robot).prompt
@@ -56,12 +66,7 @@ def judge(values: Values, config: RunConfig) -> tuple[HealthCheck, ...]:
     """
     checks = []
     robot = ENVIRONMENTS.find(config.env).robot
-    latest = replace(
-        config.play,
-        press_latency=config.play.press_latency + config.randomise.press_latency,
-        actuation_latency=config.play.actuation_latency + config.randomise.latency,
-        actuation_jitter=config.play.actuation_jitter + config.randomise.jitter,
-    )
+    latest = latest_play(config)
     for metric in METRICS.values():
         bound, value = metric.bound, number(values, metric.key)
         if bound is None or (metric.robot and not robot):
@@ -77,7 +82,7 @@ def judge(values: Values, config: RunConfig) -> tuple[HealthCheck, ...]:
                 value=None if value is None else float(value),
                 passed=passed,
                 bound=str(bound),
-                why=bound.why,
+                why=f"{bound.why}: {who}" if (who := values.get(bound.who)) else bound.why,
                 stops=bound.stops,
             )
         )
@@ -88,7 +93,7 @@ def _can_tell(key: str, values: Values, play: PlayConfig) -> bool:
     """Returns whether a figure about the hands can be judged.
 
     Args:
-        play: settings of play, with the longest latencies that may be drawn.
+        play: settings of play, as `latest_play` returns them.
     """
     if key == "play/press_match_share":
         return keys_can_follow(play)

@@ -17,6 +17,7 @@ from common.regular_file import read_file
 from common.run.config import ProtocolConfig
 from learner.evaluation import snapshots
 from learner.evaluation.coordinator import (
+    ABSENCE,
     MAX_SILENCE,
     MAX_WAITING,
     NEWCOMER,
@@ -270,6 +271,7 @@ def test_where_nobody_tests_only_the_newest_wait_and_the_others_files_go(
     coordinator.add(epoch_test(1), b"1")
     assert tests.ask("e").epoch == 1
     tests.present = set()  # but what it was given is still its own
+    tests.now += ABSENCE + 1
     for epoch in range(2, 9):
         coordinator.add(epoch_test(epoch), b"w")
     assert sorted(test["epoch"] for test in coordinator.state()) == [1, 5, 6, 7, 8]
@@ -290,6 +292,43 @@ def test_where_nobody_tests_only_the_newest_wait_and_the_others_files_go(
     for epoch in (9, 10):
         coordinator.add(epoch_test(epoch), b"w")
     assert coordinator.pending == 7
+
+
+def test_an_evaluator_that_is_away_for_a_moment_costs_no_test(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    tests = Place(tmp_path, "e")
+    coordinator = tests.coordinator
+    for epoch in range(1, 9):
+        coordinator.add(epoch_test(epoch), b"w")
+    assert tests.ask("e").epoch == 1
+    assert tests.report("e", 1, 60, [1.0], done=False)
+    caplog.clear()
+    tests.present = set()
+    tests.now += 6.0
+    assert coordinator.take_finished() is None  # it takes back what is left of the first test
+    tests.now += ABSENCE - 7.0
+    coordinator.add(epoch_test(9), b"w")
+    assert coordinator.pending == 9
+    assert not caplog.messages
+    tests.now += 2.0
+    coordinator.add(epoch_test(10), b"w")
+    # The first test has begun, and so it is played to its end by the next evaluator.
+    assert sorted(test["epoch"] for test in coordinator.state()) == [1, 7, 8, 9, 10]
+    (told,) = caplog.messages
+    assert told.startswith("epochs up to 6 stay untested, because all evaluators have left")
+    tests.present = {"f"}
+    assert (tests.ask("f").epoch, tests.ask("g").epoch) == (1, 7)
+
+
+def test_where_no_evaluator_ever_was_tests_are_given_up_in_silence(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    tests = Place(tmp_path)
+    for epoch in range(1, 9):
+        tests.coordinator.add(epoch_test(epoch), b"w")
+    assert sorted(test["epoch"] for test in tests.coordinator.state()) == [5, 6, 7, 8]
+    assert not caplog.messages
 
 
 def test_what_a_lost_evaluator_left_is_played_by_another(tmp_path: Path) -> None:
