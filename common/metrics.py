@@ -315,7 +315,8 @@ declare(
            "Chunks that arrived again and were not stored again", "duplicate", ("Stream", 6),
            curve=True, summary="chunks.duplicate", counter=True),
     Metric("stream/over_quota", "chunks", "count",
-           "Chunks and polls that actors must send again: over quota, or sent while throttled",
+           "Chunks and polls that actors must send again: over quota, or of those that ignore the "
+           "throttle",
            curve=True, summary="chunks.over_quota", trouble="over quota", counter=True),
     Metric("stream/shut_out", "connections", "count",
            "Connections to the hub by processes whose certificates it does not admit",

@@ -75,7 +75,7 @@ def build_learner(
     )
     keys = RunKeys(folder.name, replay.run_id)
     clock = RunClock()
-    phases = Phases(config, clock)
+    phases = Phases(config, clock, options.steps)
     registry = ActorRegistry(transport, keys)
     evaluation = EvaluationCoordinator(
         Snapshots(folder.snapshots, keep=keep),

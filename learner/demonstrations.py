@@ -4,8 +4,8 @@ They are sent as an actor named `DEMONSTRATIONS` would send them: as ordinary ch
 requests, which are checked and counted like any other. So it does not matter whether the replay
 is in this process or in one of its own.
 
-Their steps are steps of the run: they shorten the warm-up, the decay of ε starts after them, and
-the limiter holds actors back until the learner has made the updates that they call for. Their
+Their steps are steps of the run: they shorten the warm-up, ε falls as if they had been played now,
+and the limiter holds actors back until the learner has made the updates that they call for. Their
 games are not counted, because the scores of a run are those of its own play.
 
 A recording always yields the same chunks, down to the incarnation of their sender. So the replay
@@ -25,6 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import StringConstraints
 
+from common.atomic_file import write_atomically
 from common.checked import Count, build
 from common.errors import InputError, MessageError
 from common.process.extras import extra_for
@@ -39,6 +40,7 @@ from common.run.folder import RunFolder
 from common.run.stored_config import flat
 from common.transport.interface import Envelope, Transport
 from common.transport.requests import Window
+from replay.interface import Replay
 
 _ALIKE = (
     "game",
@@ -283,3 +285,21 @@ def begin_with(
             "--demonstrations, or name another run."
         )
     return None if begun is not None and begun.complete else found
+
+
+def insert_all(
+    demonstrations: Demonstrations,
+    transport: Transport,
+    replay: Replay,
+    folder: RunFolder,
+    stop: threading.Event,
+    tell: Callable[[str], None],
+) -> bool:
+    """Sends all chunks to the ``replay``, and records in the run's folder that it has them; returns
+    False if ``stop`` was set. Raises InputError as `Demonstrations.insert` does."""
+    keys = RunKeys(folder.name, replay.run_id)
+    if (complete := demonstrations.insert(transport, keys, stop, tell)) is None:
+        return False
+    replay.sync()  # or a power failure could cost steps that count as sent
+    write_atomically(folder.demonstrations, complete.encode())
+    return True

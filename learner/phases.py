@@ -35,9 +35,11 @@ class Phases:
     Steps and games depend only on the statistics of chunks, in the order of their acceptance.
     """
 
-    def __init__(self, config: RunConfig, clock: RunClock) -> None:
+    def __init__(self, config: RunConfig, clock: RunClock, steps_goal: int | None = None) -> None:
+        """Takes the run's settings, its time, and the agent steps with which it ends, if any."""
         self._config = config
         self._clock = clock
+        self._steps_goal = steps_goal
         self.chunks_seen = 0
         """Index of the next chunk to count."""
         self.agent_steps = 0
@@ -51,6 +53,8 @@ class Phases:
         self._phase_updates = 0
         self._loss: Tensor | float = 0.0  # a sum on the device, so that no update waits for it
         self._began = 0.0
+        self._last_steps: int | None = None
+        """Agent steps of the phase before; None after a restart."""
         self._recent_scores: deque[float] = deque(maxlen=RECENT_GAMES)
         self._recent_chunks: deque[ChunkStatistics] = deque(maxlen=RECENT_CHUNKS)
         self._faulty_actors = FaultyActors(keys_can_follow=keys_can_follow(latest_play(config)))
@@ -86,6 +90,14 @@ class Phases:
         """Agent steps of the present phase once it is complete."""
         config = self._config
         return config.protocol.epoch_steps if self.epoch else config.replay.learning_starts
+
+    @property
+    def steps_left(self) -> int:
+        """Agent steps until the present phase ends, which the end of the run may cut short."""
+        left = max(self.phase_length - self.phase_steps, 0)
+        if self._steps_goal is None:
+            return left
+        return min(left, max(self._steps_goal - self.agent_steps, 0))
 
     @property
     def train_steps(self) -> int:
@@ -129,6 +141,7 @@ class Phases:
         """Ends the present phase at the time of its ``row``, which is written, and begins the next
         one."""
         self.epoch += 1
+        self._last_steps = self.phase_steps
         self.phase_steps = self._phase_updates = 0
         self._scores, self._loss, self._began = [], 0.0, row.total_time
 
@@ -154,6 +167,9 @@ class Phases:
                 are those of the last epoch, complete.
         """
         ended = finishing and not self.phase_steps
+        steps_now, left = self.phase_steps, self.steps_left
+        if ended:
+            steps_now, left = self._last_steps or self.phase_length, 0
         chunks, scores = list(self._recent_chunks), self._recent_scores
         p50, p95 = (
             np.percentile([each.staleness for each in chunks], (50, 95)).tolist()
@@ -165,8 +181,8 @@ class Phases:
         samples = self.updates * self._config.learning.batch_size
         return {
             "run/epoch": self.epoch - ended,
-            "run/phase_length": self.phase_length,
-            "run/phase_steps": self.phase_length if ended else self.phase_steps,
+            "run/phase_length": steps_now + left,
+            "run/phase_steps": steps_now,
             "learning/updates": self.updates,
             "learning/epsilon": self._config.epsilon_at(self.agent_steps),
             "learning/rate": self._config.learning.learning_rate_at(self.updates),

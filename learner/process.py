@@ -14,14 +14,13 @@ from common.process.exit_codes import RED
 from common.process.lifeline import on_signals
 from common.process.log_lines import kept_log, say, say_aside
 from common.process.threads import end_with_any_thread
-from common.protocol.run_keys import RunKeys
 from common.protocol.weights import encode_weights
 from common.run.folder import RunFolder
 from common.transport.endpoint import from_here
 from common.transport.signature import signer
 from learner.algorithm.interface import build_algorithm
 from learner.assembly import build_learner
-from learner.demonstrations import Demonstrations, begin_with
+from learner.demonstrations import Demonstrations, begin_with, insert_all
 from learner.device import Device, choose_device
 from learner.endpoints import open_pages, open_replay
 from learner.first_network import first_network
@@ -84,13 +83,11 @@ def train(options: LearnerOptions, again: bool) -> int:
         with learner.telemetry:
             if page is not None:
                 display.line(f"watch the run at {page}")
-            sent = None
-            if demonstrations is not None:
-                keys = RunKeys(folder.name, replay.run_id)
-                if sent := demonstrations.insert(transport, keys, stop, display.line):
-                    write_atomically(folder.demonstrations, sent.encode())
+            sent = demonstrations is None or insert_all(
+                demonstrations, transport, replay, folder, stop, display.line
+            )
             # A run that was stopped while it sent them begins when it is resumed, with all of them.
-            if demonstrations is None or sent is not None:
+            if sent:
                 learner.start()
                 disk = replay.progress(MAX_COUNT).file_bytes
                 display.line(_first_words(options, folder, device, disk, endpoint))

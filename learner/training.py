@@ -162,7 +162,12 @@ class Learner:
     # ------------------------------------------------------------------ start and state
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Continues from the counters of a checkpoint, whose algorithm is already restored."""
+        """Continues from the counters of a checkpoint, whose algorithm is already restored. Raises
+        InputError if it counts the steps of another replay."""
+        if state.get("replay", self.replay.run_id) != self.replay.run_id:  # older ones lack it
+            raise InputError(
+                f"the replay is of another run than the checkpoint: {self._instead_of_the_replay}."
+            )
         self.clock.restore(float(state["seconds"]))
         self.phases.restore(state)
         self.algorithm.reseed(self.phases.updates)
@@ -179,14 +184,6 @@ class Learner:
         # Tells a longer goal too: actors that join now would leave at the former one.
         self._replay_progress = self._ask_replay()
         known, found = self.phases.agent_steps, self._replay_progress.agent_steps
-        # If many steps are missing, ε and the limiter start over, and actors play all of them again
-        # before the next update. A power failure costs only a few steps.
-        if known - found > self.config.replay.learning_starts:
-            raise InputError(
-                f"the replay has seen {found:,} steps and the checkpoint {known:,}: put the "
-                "replay's folder back, or start another run with this one's network (--run "
-                f"ANOTHER --initial {self.checkpoint.path})."
-            )
         if found - known > self.config.replay.ratio_tolerance:
             self.telemetry.say(
                 f"The replay has {found - known:,} steps more than the checkpoint: actors wait "
@@ -213,6 +210,7 @@ class Learner:
         self.checkpoint.save(
             {
                 **self.phases.state(),
+                "replay": self.replay.run_id,
                 "rows": len(self.telemetry.rows),
                 "seconds": self.clock.seconds(),
                 "tests": self.evaluation.state(),
@@ -257,11 +255,26 @@ class Learner:
 
     def _ask_replay(self) -> Progress:
         """Returns what is new in the replay, which is told the run's goal. Raises InputError if
-        nothing can be drawn there any more."""
+        nothing can be drawn there any more, or if it has lost steps that are counted."""
         told = self.replay.progress(self.phases.chunks_seen, goal=self.steps_goal or MAX_COUNT)
         if told.failed:
             raise InputError(told.failed)
+        known, found = self.phases.agent_steps, told.agent_steps
+        # If many steps are missing, ε and the limiter start over, and actors play all of them again
+        # before the next update. A power failure costs only a few steps.
+        if known - found > self.config.replay.learning_starts:
+            raise InputError(
+                f"the replay has seen {found:,} steps and the learner {known:,}: "
+                f"{self._instead_of_the_replay}."
+            )
         return told
+
+    @property
+    def _instead_of_the_replay(self) -> str:
+        return (
+            "put the replay's folder back, or start another run with this one's network (--run "
+            f"ANOTHER --initial {self.checkpoint.path})"
+        )
 
     def _ask_replay_again(self) -> None:
         """Asks for the replay's counters once more, unless it is away."""
@@ -270,8 +283,7 @@ class Learner:
 
     def _end_phase(self) -> None:
         """Records the present phase, and has an epoch's snapshot tested."""
-        if self.phases.epoch == 0:
-            self._insist(self.held_out.draw)
+        self._insist(self.held_out.draw)
         self.held_out.measure()
         row, test = self.phases.result(self._replay_progress.stored, self.held_out.mean)
         record = partial(self.telemetry.add, row)

@@ -82,7 +82,8 @@ class Progress(Message):
     version: str = VERSION
     """Software version of the process that holds the replay."""
     over_quota: Count = 0
-    """Number of actors' messages that must be sent again, since that process began."""
+    """Number of actors' messages that must be sent again, over quota or in spite of the throttle,
+    since that process began."""
     shut_out: Count = 0
     """Number of connections by processes that its hub does not admit, since that process began."""
     difficulty: Fraction = 1.0

@@ -45,7 +45,8 @@ class ReplayBuffer:
         self.weights_version = 0
         """Version of the newest weights, which each acknowledgement carries."""
         self.over_quota = 0
-        """Number of actors' messages that must be sent again, since this process began."""
+        """Number of actors' messages that must be sent again, over quota or in spite of the
+        throttle, since this process began."""
         self.shut_out = 0
         """Number of connections by processes that this hub does not admit, since then."""
         self.draws = False

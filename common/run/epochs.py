@@ -63,6 +63,11 @@ class EpochRow:
     steps_per_second: Figure
     """Agent steps per second of this phase."""
 
+    def agent_steps(self, learning_starts: int) -> int:
+        """Returns the agent steps of the run until the phase's end, or until that of the tested
+        epoch. A recording may make the warm-up longer than ``learning_starts``."""
+        return self.total_train_steps + learning_starts if self.epoch else self.steps
+
     @classmethod
     def of_games(
         cls, scores: Sequence[float], *, steps: int, epoch_time: float, **columns: Any

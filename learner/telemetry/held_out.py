@@ -59,9 +59,9 @@ class HeldOut:
                 ) from None
 
     def draw(self) -> None:
-        """Draws the fixed set from the replay, and writes it; does nothing if the replay has no
-        state for it."""
-        if (states := self._drawn(self._count)) is not None:
+        """Draws the fixed set from the replay, and writes it, unless there is one. A replay whose
+        frames are all blind has no state for it."""
+        if self._states is None and (states := self._drawn(self._count)) is not None:
             self._states = states
             write_atomically(self._path, save({"frames": states[0], "vectors": states[1]}))
 

@@ -97,7 +97,7 @@ class Telemetry(AbstractContextManager["Telemetry"]):
         """Records a complete phase or test."""
         self.epochs.append(row)
         self.rows.append(row)
-        agent_steps = row.total_train_steps + self.config.replay.learning_starts
+        agent_steps = row.agent_steps(self.config.replay.learning_starts)
         for sink in self.sinks:
             sink.phase(row, agent_steps)
 
@@ -213,7 +213,7 @@ class Telemetry(AbstractContextManager["Telemetry"]):
             left = number(values, "evaluation/steps_left")
         else:
             rate = number(values, "stream/steps_per_second")
-            left = max(self.phases.phase_length - self.phases.phase_steps, 0)
+            left = self.phases.steps_left
         return left / rate if rate and left is not None else None
 
     def _histograms(self, key_times: tuple[int, ...]) -> dict[str, Histogram]:

@@ -1,5 +1,7 @@
 """Demonstrations: what an actor would have sent, once, or a sentence that says why not."""
 
+import errno
+import os
 import tempfile
 import threading
 from collections.abc import Iterator
@@ -21,7 +23,7 @@ from common.protocol.run_keys import DEMONSTRATIONS, RunKeys
 from common.run.config import RunConfig
 from common.run.folder import RunFolder
 from learner import demonstrations
-from learner.demonstrations import Begun, Demonstrations, begin_with
+from learner.demonstrations import Begun, Demonstrations, begin_with, insert_all
 from replay.replay_buffer import ReplayBuffer
 from replay.server import ReplayServer
 from tests.actors.numbered_env import CUT, GAME_OVER, GOES_ON, LOSES_A_LIFE, Moment
@@ -144,6 +146,32 @@ def test_the_replay_takes_them_once_however_often_they_are_sent(tmp_path: Path) 
     with replay(tmp_path / "replay", config) as (buffer, transport):  # another process
         send(Demonstrations(tmp_path / "d", config), buffer, transport)
         assert buffer.progress(0).agent_steps == 48
+
+
+def test_they_are_on_the_disk_before_they_count_as_sent(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    config = run_config()
+    record(tmp_path / "d", SCRIPT, 48)
+    folder = RunFolder(tmp_path, "r")
+    folder.path.mkdir()
+    found, stop = Demonstrations(tmp_path / "d", config), threading.Event()
+    with replay(tmp_path / "replay", config) as (buffer, transport):
+
+        def fail() -> None:
+            raise OSError(errno.EIO, os.strerror(errno.EIO))
+
+        with monkeypatch.context() as power_fails:
+            power_fails.setattr(buffer, "sync", fail)
+            with pytest.raises(OSError, match="Input/output"):
+                insert_all(found, transport, buffer, folder, stop, print)
+        assert not folder.demonstrations.exists()
+        assert insert_all(found, transport, buffer, folder, stop, print)
+        begun = Begun.of(folder)
+        assert begun is not None
+        assert begun.complete
+        stop.set()
+        assert not insert_all(found, transport, buffer, folder, stop, print)
 
 
 def test_a_stop_ends_the_sending_and_a_replay_of_another_run_refuses(tmp_path: Path) -> None:

@@ -29,7 +29,7 @@ def chunk(index: int, actor: str, **shares: int) -> ChunkStatistics:
         weights_version=0,
         staleness=0,
         games=(),
-        **(HEALTHY | shares),  # type: ignore[arg-type]
+        **(HEALTHY | shares),
     )
 
 

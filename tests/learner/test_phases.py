@@ -148,6 +148,23 @@ def test_at_the_very_end_the_last_epoch_is_told_whole() -> None:
     assert [values[key] for key in shown] == [2, 50, 200]
 
 
+def test_a_run_that_ends_within_an_epoch_tells_how_much_of_it_there_will_be() -> None:
+    times = iter((0.0,))
+    counted = Phases(CONFIG, RunClock(lambda: next(times, 0.0)), 450)
+    shown = ("run/phase_steps", "run/phase_length")
+    left = []
+    for chunk in _chunks(9):  # the warm-up of 100 steps, an epoch of 200, and one of 150
+        if counted.count(chunk):
+            ended(counted)
+        values = counted.values(finishing=False)
+        left.append((*(values[key] for key in shown), counted.steps_left))
+    assert left[:3] == [(50, 100, 50), (0, 200, 200), (50, 200, 150)]
+    assert left[5:] == [(0, 150, 150), (50, 150, 100), (100, 150, 50), (150, 150, 0)]
+    ended(counted)
+    values = counted.values(finishing=True)
+    assert [values[key] for key in shown] == [150, 150]
+
+
 def test_the_rows_of_a_phase_and_of_its_snapshots_test() -> None:
     counted = phases(seconds=80.0)
     for loss in (1.0, 3.0):

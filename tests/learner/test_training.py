@@ -451,7 +451,7 @@ def test_the_end_of_a_phase_gives_its_row_and_an_epochs_snapshot_to_evaluation()
     assert epoch.meancost == 0.5
     assert (warm_up.epoch_time, epoch.epoch_time, epoch.total_time) == (25.0, 50.0, 75.0)
     assert epoch.last_exploration_rate == CONFIG.epsilon_at(300)
-    assert world.log.count("held out") == 1
+    assert world.log.count("held out") == 2  # tried again, in case the first replay was blind
     ((_, tested, weights),) = [each for each in world.log if each[0] == "test"]
     assert tested == 1
     assert torch.equal(load(weights)["weight"], weight_of(75))
@@ -920,10 +920,41 @@ def test_a_replay_that_lost_more_steps_than_a_warm_up_is_refused(beyond: int) ->
         return
     with pytest.raises(
         InputError,
-        match=rf"has seen {known - 101:,} steps and the checkpoint {known:,}: .*--initial FILE",
+        match=rf"has seen {known - 101:,} steps and the learner {known:,}: .*--initial FILE",
     ):
         learner.start()
     assert (again.checkpoints, again.published) == ([], [])
+
+
+@pytest.mark.parametrize("lost", [90, 160])
+def test_a_replay_that_comes_back_with_an_older_folder_ends_the_run(lost: int) -> None:
+    """It was in a process of its own. Its new chunks have numbers that are counted already."""
+    world = World()
+    world.stops_at(200)
+    world.once(lambda: world.updates >= 100, lambda: setattr(world, "lost", lost))
+    learner = world.learner()
+    learner.start()
+    if lost < 100:
+        learner.run()
+        return
+    with pytest.raises(
+        InputError, match=r"the replay has seen 3\d\d steps and the learner 4\d\d: "
+    ):
+        learner.run()
+    assert world.checkpoints[-1]["updates"] == world.updates  # what was learned is kept
+    assert world.log[-1][0] == "summary"
+
+
+def test_a_checkpoint_does_not_go_on_with_the_replay_of_another_run() -> None:
+    world = World()
+    world.stops_at(60)
+    run(world)
+    state = world.checkpoints[-1]
+    assert state["replay"] == "id"
+    with pytest.raises(InputError, match=r"^the replay is of another run than the checkpoint: put"):
+        World().learner().restore(state | {"replay": "another"})
+    former = {key: value for key, value in state.items() if key != "replay"}
+    World().learner().restore(former)  # a version that did not store it
 
 
 @pytest.mark.parametrize("more", [1_000, 1_001])

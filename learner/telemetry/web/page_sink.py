@@ -79,7 +79,7 @@ class PageSink(Sink):
     def start(self, resumed_at: int | None) -> None:
         """Loads epochs and curves of a resumed run, and starts serving."""
         for row in self._epochs.rows():
-            self.phase(row, row.total_train_steps + self._config.replay.learning_starts)
+            self.phase(row, row.agent_steps(self._config.replay.learning_starts))
         if resumed_at is not None:
             for values in written_points(self._written):
                 self._history.add(values)

@@ -95,6 +95,21 @@ def test_without_a_state_to_hold_out_none_is_kept(tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
+def test_the_set_is_drawn_once_as_soon_as_there_is_a_state(tmp_path: Path) -> None:
+    memory: Any = Memory()
+    seen: list[int] = []
+    memory.held_out = lambda count, newest=None: (
+        np.full((len(seen), 4, 84, 84), sum(seen), np.uint8),
+        np.zeros((len(seen), 0), np.float32),
+    )
+    held = held_out(tmp_path / "held_out", memory)
+    for number in (0, 7, 8):  # no state was wholly seen in the warm-up
+        seen += [number] if number else []
+        held.draw()
+        held.measure()
+        assert held.mean == (7.0 if number else None)
+
+
 def test_the_held_out_states_are_kept_for_who_resumes(tmp_path: Path) -> None:
     path = tmp_path / "held_out"
     memory: Any = Memory()
