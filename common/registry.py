@@ -97,6 +97,8 @@ class SamplerKind(Entry):
     prioritised: bool = False
     """Whether the learner tells it the priorities of what it drew. ``leaves``, otherwise empty, is
     then a number for each slot, which outlives the process."""
+    ignores: tuple[str, ...] = ()
+    """Fields of `ReplayConfig` that have no effect with it."""
 
 
 def resolve(factory: str | Callable[..., Any]) -> Callable[..., Any]:
@@ -223,7 +225,11 @@ ALGORITHMS = Registry(
 
 SAMPLERS = Registry(
     "sampler",
-    SamplerKind("uniform", "replay.samplers:UniformSampler.of_run"),
+    SamplerKind(
+        "uniform",
+        "replay.samplers:UniformSampler.of_run",
+        ignores=("priority_exponent", "importance_exponent"),
+    ),
     SamplerKind("prioritised", "replay.samplers:PrioritisedSampler.of_run", prioritised=True),
 )
 

@@ -50,16 +50,26 @@ class HealthGuard:
         self._moved_at: float | None = None
         """Seconds of work at the last step or update; None before the first."""
 
-    def check(self, checks: Sequence[HealthCheck], agent_steps: int, updates: int) -> str | None:
+    def check(
+        self,
+        checks: Sequence[HealthCheck],
+        agent_steps: int,
+        updates: int,
+        hint: str,
+    ) -> str | None:
         """Returns why the run should end, without a full stop; None while it may go on.
 
         Args:
             checks: the health checks; none in the warm-up, when they are not judged.
+            hint: why there is no progress, if there is none.
         """
         now = self.now()
         self._worked += min(now - self._looked, _LONGEST_LOOK)
         self._looked = now
-        for name, reason in (*self._red(checks, agent_steps), *self._stall(agent_steps, updates)):
+        for name, reason in (
+            *self._red(checks, agent_steps),
+            *self._stall(agent_steps, updates, hint),
+        ):
             if not self.force:
                 return reason
             if name not in self._warned:
@@ -84,7 +94,7 @@ class HealthGuard:
                     f"{check.why}",
                 )
 
-    def _stall(self, agent_steps: int, updates: int) -> Iterator[tuple[str, str]]:
+    def _stall(self, agent_steps: int, updates: int, hint: str) -> Iterator[tuple[str, str]]:
         """Yields name and reason if there has been no progress for too long."""
         before, self._progress = self._progress, (agent_steps, updates)
         if before is not None and before != self._progress:
@@ -93,5 +103,5 @@ class HealthGuard:
             yield (
                 "progress",
                 f"no agent step came and no update was made for {self.stall_minutes:g} "
-                "minutes: the logs of actors and replay say why",
+                f"minutes: {hint}",
             )

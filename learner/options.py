@@ -5,6 +5,7 @@ import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from operator import attrgetter
 from pathlib import Path
 from typing import Annotated
 
@@ -19,7 +20,7 @@ from common.process.command_line import RunOptions, started_by, without_flags
 from common.process.extras import check_extra
 from common.process.http_endpoints import check_address
 from common.process.log_lines import LOADING
-from common.registry import ALGORITHMS
+from common.registry import ALGORITHMS, SAMPLERS
 from common.run.clock import ClockConfig
 from common.run.config import MAX_ENVS, RunConfig
 from common.run.folder import Part, RunFolder
@@ -138,7 +139,7 @@ class LearnerOptions(RunOptions):
                 "--learning.curriculum-steps too."
             )
         if not self.resume:  # the settings of a resumed run are fixed
-            self._check_algorithm()
+            self._refuse_settings_without_effect()
 
     def check_here(self) -> None:
         """Refuses flags whose packages or certificates this machine lacks, or that do not suit the
@@ -187,16 +188,38 @@ class LearnerOptions(RunOptions):
                 if getattr(self, name) != getattr(usual, name):
                     raise InputError(f"--{name.replace('_', '-')} {told}.")
 
-    def _check_algorithm(self) -> None:
-        """Refuses settings that the algorithm ignores, unless nobody gave them."""
-        learning = self.config.learning
-        usual = self.defaults(PRESETS[self.config.preset]).learning
-        for name in ALGORITHMS.find(learning.algorithm).ignores:
-            if getattr(learning, name) != getattr(usual, name):
-                raise InputError(
-                    f"--learning.{name.replace('_', '-')} means nothing to the algorithm "
-                    f"{learning.algorithm}: omit it, or choose another --learning.algorithm."
-                )
+    def _refuse_settings_without_effect(self) -> None:
+        """Refuses settings that mean nothing to the others, unless nobody gave them."""
+        config, usual = self.config, self.defaults(PRESETS[self.config.preset])
+        learning, sampler = config.learning, config.replay.sampler
+        adam = learning.optimizer == "adam"
+        for group, names, told in (
+            (
+                "learning",
+                ALGORITHMS.find(learning.algorithm).ignores,
+                f"means nothing to the algorithm {learning.algorithm}: omit it, or choose another "
+                "--learning.algorithm",
+            ),
+            (
+                "replay",
+                SAMPLERS.find(sampler).ignores,
+                f"means nothing to the sampler {sampler}: omit it, or choose another "
+                "--replay.sampler",
+            ),
+            (
+                "learning",
+                ("rmsprop_decay",) if adam else (),
+                "means nothing to Adam: omit it, or choose --learning.optimizer rmsprop",
+            ),
+            (
+                "learning",
+                () if learning.annealing_steps else ("final_learning_rate",),
+                "means nothing without --learning.annealing-steps: give that, or omit it",
+            ),
+        ):
+            for name in names:
+                if attrgetter(f"{group}.{name}")(config) != attrgetter(f"{group}.{name}")(usual):
+                    raise InputError(f"--{group}.{name.replace('_', '-')} {told}.")
 
 
 web_address = partial(check_address, flag="--web", usual="127.0.0.1:8080", least_port=0)

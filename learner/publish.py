@@ -20,6 +20,7 @@ import tyro
 
 from common.atomic_file import write_atomically, write_json
 from common.checked import FromOne
+from common.crc32 import crc32
 from common.errors import InputError, MessageError
 from common.network import QNetwork, build_network, count_actions_of
 from common.process.command_line import parse
@@ -103,8 +104,13 @@ def _trained(options: Options) -> tuple[RunConfig, QNetwork, dict[str, Any]]:
     for file in (source, *([] if options.last else [snapshots.best_card]), folder.summary):
         if not file.is_file():
             raise InputError(f"{file} does not exist: continue the run until it does.")
+    test = {} if options.last else _read(snapshots.best_card)
+    weights = source.read_bytes()
+    # The learner writes the card first, and a copy of the run may come in between.
+    if test.get("crc32", crc32(weights)) != crc32(weights):
+        raise InputError(f"{source} is not of the test in {snapshots.best_card}: {_WRITTEN_ANEW}.")
     try:
-        found = decode_weights(source.read_bytes())
+        found = decode_weights(weights)
         network = build_network(config, count_actions_of(config, found))
         set_weights(network, found)
     except (MessageError, KeyError) as error:
@@ -118,7 +124,7 @@ def _trained(options: Options) -> tuple[RunConfig, QNetwork, dict[str, Any]]:
     card = {name: summary[name] for name in _FROM_SUMMARY}
     card["initial"] = summary.get("initial", False)
     if not options.last:
-        card["snapshot"] = _read(snapshots.best_card)
+        card["snapshot"] = test
     return config, network, card
 
 

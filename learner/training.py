@@ -335,10 +335,26 @@ class Learner:
         if self.done:
             return
         self.failed = self.guard.check(
-            checks if self.phases.epoch else (), self.phases.agent_steps, self.phases.updates
+            checks if self.phases.epoch else (),
+            self.phases.agent_steps,
+            self.phases.updates,
+            self._why_it_stands,
         )
         if self.failed is not None:
             self.stop.set()
+
+    @property
+    def _why_it_stands(self) -> str:
+        """Why there is no progress, if there is none."""
+        replay = self._replay_progress
+        if replay.throttle and not replay.samplable:
+            # Each stream of steps has a share of the ring, and its last n steps lack their future.
+            return (
+                f"none of the replay's {replay.stored:,} steps can be drawn, because too many "
+                "environments share it: begin a run with more --replay.capacity, or a smaller "
+                "--learning.n-step"
+            )
+        return "the logs of actors and replay say why"
 
     # ------------------------------------------------------------------ the end
 

@@ -143,9 +143,18 @@ class RemoteReplay:
 
     def sync(self) -> None:
         """See `Replay.sync`; works after `close` too, but then does not wait longer for a slow
-        disk."""
+        disk. Raises InputError if the replay's disk refuses."""
         requester = self._last if self._closed.is_set() else self._syncs
-        _answer(requester.request(ProgressRequest(MAX_COUNT, None, durable=True).encode()))
+        future = requester.request(ProgressRequest(MAX_COUNT, None, durable=True).encode())
+        try:
+            future.result()
+        except Unanswered:
+            pass  # it is away, as the interface allows
+        except MessageError as error:
+            raise InputError(
+                f"the replay's disk does not keep its steps ({error}), so no checkpoint may count "
+                "them: repair that disk, start the replay again with --resume, then the learner."
+            ) from None
 
     def close(self) -> None:
         """Stops waiting for the server; the transport stays open."""

@@ -198,7 +198,10 @@ class ReplayServer(AbstractContextManager["ReplayServer"]):
     def _progress(self, request: Request) -> bytes:
         asked = ProgressRequest.decode(request.payload)
         if asked.durable:
-            self._buffer.sync()
+            try:
+                self._buffer.sync()
+            except OSError as error:  # no answer would look like a replay that is away
+                raise MessageError(str(error.strerror)) from None
         if asked.drain:
             self._buffer.drain()
         return self._buffer.progress(asked.since, goal=asked.goal).encode()

@@ -40,7 +40,7 @@ class Run:
         """Why the run ends in this second; None if it goes on."""
         self.now += seconds
         self.steps += steps
-        return self.guard.check(checks, self.steps, 0)
+        return self.guard.check(checks, self.steps, 0, "look there")
 
     def until_ended(self, *checks: HealthCheck, patience: int = 1_000, **each: Any) -> int | None:
         """The second in which it is ended, from 0."""
@@ -136,4 +136,4 @@ def test_updates_alone_are_progress() -> None:
     run.second()
     for updates in range(1_000):
         run.now += 1
-        assert run.guard.check((), run.steps, updates) is None
+        assert run.guard.check((), run.steps, updates, "look there") is None

@@ -105,6 +105,16 @@ QR = ("--learning.algorithm", "qr_dqn")
             [*DQN, "--learning.quantiles", "9"],
             "--learning.quantiles means nothing to the algorithm dqn",
         ),
+        (["--replay.priority-exponent=0.5"], "exponent means nothing to the sampler uniform: omit"),
+        (["--replay.importance-exponent=1"], "exponent means nothing to the sampler uniform: omit"),
+        (
+            ["--learning.rmsprop-decay=0.9"],
+            "means nothing to Adam: omit it, or choose --learning.o",
+        ),
+        (
+            ["--learning.annealing-steps=0", "--learning.final-learning-rate=1e-6"],
+            "--learning.final-learning-rate means nothing without --learning.annealing-steps",
+        ),
         ([*QR, "--learning.loss", "mse"], "--learning.loss means nothing to the algorithm qr_dqn"),
         ([*QR, "--learning.loss-mean-over=outputs"], "--learning.loss-mean-over means nothing to"),
         (
@@ -139,6 +149,10 @@ def test_what_would_have_no_effect_is_refused(arguments: list[str], words: str) 
 
 
 def test_what_has_an_effect_is_accepted() -> None:
+    learner("--replay.sampler=prioritised", "--replay.priority-exponent=0.5")
+    learner("--learning.optimizer=rmsprop", "--learning.rmsprop-decay=0.9")
+    learner("--learning.annealing-steps=9", "--learning.final-learning-rate=1e-6")
+    learner("--learning.annealing-steps=0")
     learner("--local", "--actors=2", "--envs=2", "--evaluators=0", "--actor-quota=9")
     learner("--connect", "tcp/h:1", "--patience=inf", "--local", "--actors=2")
     learner("--listen", "tcp/0.0.0.0:1", "--actors=1")  # as usual

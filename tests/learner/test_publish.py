@@ -17,6 +17,7 @@ from common.run.config import RunConfig
 from common.run.presets import PRESETS
 from common.run.ranges import RandomiseConfig
 from common.run.stored_config import to_json
+from learner.evaluation.snapshots import Snapshots
 from learner.publish import Options, main, publish
 from viewer.player import ShownPolicy, settings_of
 
@@ -118,6 +119,20 @@ def test_best_weights_without_their_card_are_told(tmp_path: Path) -> None:
     (_run(tmp_path / "small") / "snapshots/best.json").unlink()
     with pytest.raises(InputError, match=r"best\.json does not exist"):
         publish(Options(run=tmp_path / "small", output=tmp_path / "policy"), threading.Event())
+
+
+def test_weights_of_another_test_than_their_cards_are_refused(tmp_path: Path) -> None:
+    run, output = _run(tmp_path / "small"), tmp_path / "policy"
+    weights = run / "snapshots/best.safetensors"
+    Snapshots(run / "snapshots").keep_as_best(7, weights.read_bytes(), {"mean_score": 9.0})
+    other = build_network(CONFIG, 4)
+    torch.nn.init.zeros_(other.actions.weight)
+    weights.write_bytes(encode_weights(other))  # as by a backup in between
+    with pytest.raises(
+        InputError, match=r"best\.safetensors is not of the test in .*best\.json: c"
+    ):
+        publish(Options(run=run, output=output), threading.Event())
+    assert not list(tmp_path.glob("policy.*"))
 
 
 @pytest.mark.parametrize(

@@ -103,6 +103,8 @@ class World:
     test_seconds: float = 0.0
     """How long each test takes."""
     checks: tuple[HealthCheck, ...] = ()
+    samplable: int | None = None
+    """Steps that can be drawn; all, if it is None."""
     said: list[str] = field(default_factory=list)
     log: list[Any] = field(default_factory=list)
     """What happened, in order."""
@@ -174,8 +176,11 @@ class World:
         # One that is counted already is told again: each counts once all the same.
         begin = max(since - 1, 0)
         told = tuple(self.chunks[begin : begin + self.portion])
+        samplable = known if self.samplable is None else self.samplable
+        throttle = self.updates >= self.last_update
         return Progress(
-            known, known, 0, len(self.chunks), 0, 0, False, 0, 0, 0, told, failed=self.failed
+            *(known, known, samplable, len(self.chunks), 0, 0, throttle, 0, 0, 0, told),
+            failed=self.failed,
         )
 
     # ---------------------------------------------------------------- algorithm
@@ -702,7 +707,18 @@ def test_a_run_in_which_nothing_happens_ends() -> None:
     learner = run(world)
     assert world.now == pytest.approx(1_000 + 50 * world.update_seconds + 600, abs=2.0)
     assert learner.failed is not None
-    assert "no agent step came and no update was made for 10 minutes" in learner.failed
+    told = "no agent step came and no update was made for 10 minutes: the logs of actors and"
+    assert told in learner.failed
+
+
+def test_a_replay_of_which_nothing_can_be_drawn_is_told_as_the_reason() -> None:
+    """A throttled one of which something can be drawn only waits for updates, as here above."""
+    world = World(last_update=50)
+    world.once(lambda: world.updates >= 50, lambda: setattr(world, "samplable", 0))
+    learner = run(world)
+    assert learner.failed is not None
+    assert "none of the replay's 200 steps can be drawn" in learner.failed
+    assert "a smaller --learning.n-step" in learner.failed
 
 
 def test_actors_that_are_still_to_come_are_waited_for() -> None:
@@ -929,7 +945,7 @@ def test_a_replay_that_lost_more_steps_than_a_warm_up_is_refused(beyond: int) ->
 @pytest.mark.parametrize("lost", [90, 160])
 def test_a_replay_that_comes_back_with_an_older_folder_ends_the_run(lost: int) -> None:
     """It was in a process of its own. Its new chunks have numbers that are counted already."""
-    world = World()
+    world = World(update_seconds=0.25)  # some chunks from one look to the next
     world.stops_at(200)
     world.once(lambda: world.updates >= 100, lambda: setattr(world, "lost", lost))
     learner = world.learner()

@@ -1,6 +1,8 @@
 """Replay server and remote replay."""
 
+import errno
 import json
+import os
 import random
 import threading
 import time
@@ -490,6 +492,22 @@ def test_what_is_stored_is_made_durable_also_after_a_stop(
     place.remote.close()
     place.remote.sync()
     assert synced == [True]
+
+
+def test_a_disk_that_does_not_keep_the_steps_is_no_replay_that_is_away(
+    place: Place, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail() -> None:
+        raise OSError(errno.EIO, os.strerror(errno.EIO))
+
+    monkeypatch.setattr(place.buffer, "sync", fail)
+    with pytest.raises(
+        InputError, match=r"replay's disk does not keep its steps \(Input/output er"
+    ):
+        place.remote.sync()
+    place.server.close()
+    place.remote.close()
+    place.remote.sync()  # nobody answers, which the interface allows
 
 
 class Slow:
