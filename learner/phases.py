@@ -11,10 +11,11 @@ from common.metrics import Value
 from common.protocol.run_keys import DEMONSTRATIONS
 from common.run.config import RunConfig
 from common.run.epochs import EpochRow
+from common.run.hands import keys_can_follow
 from learner.evaluation.coordinator import EpochTest
 from learner.faulty_actors import FaultyActors
 from learner.run_clock import RunClock
-from learner.telemetry.health_checks import keys_can_follow, latest_play
+from learner.telemetry.health_checks import latest_play
 from replay.chunk_statistics import ChunkStatistics
 
 if TYPE_CHECKING:  # as in `learner.device`

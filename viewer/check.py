@@ -23,7 +23,8 @@ from actors.vision.layout import border_of
 from common.metrics import KEYS_AS_COMMANDED, PIXEL_DEVIATION, VALID_FRAMES, Bound
 from common.process.exit_codes import INTERRUPTED
 from common.process.progress import Progress
-from common.registry import ROBOTS
+from common.run.conditions import PlayConfig
+from common.run.hands import keys_can_follow
 from viewer.panels import Panels
 from viewer.picture import check_picture, write_picture
 from viewer.player import File, Played, ShownPolicy, shown_env
@@ -79,17 +80,28 @@ class Check(Played):
             write_picture(self.output, panels.draw(step, None))
             # An emulator alone has only the first figure.
             judged = list(zip(_BOUNDS, np.mean(figures, axis=0).tolist(), strict=False))
-            if not ROBOTS.find(config.play.robot).prompt:
-                judged = [each for each in judged if each[0] is not KEYS_AS_COMMANDED]
+            judged = [(bound, found) for bound, found in judged if _can_tell(bound, config.play)]
             title = f"{config.played}, {len(figures)} random agent steps"
             console.print(_checks_table(judged, title))
             if isinstance(env, RobotEnv) and (found := _changes(env, config.seed, stop)):
                 console.print(_latency_table(found))
+                if not keys_can_follow(config.play):
+                    console.print(
+                        "These are the robot's own hands; what delays commands or reads the keys "
+                        "another way is not in it."
+                    )
             console.print(f"wrote {self.output}", markup=False, soft_wrap=True)
         if stop.is_set():
             console.print("stopped before the hands were timed")
             return INTERRUPTED
         return 0 if all(bound.admits(found) for bound, found in judged) else 1
+
+
+def _can_tell(bound: Bound, play: PlayConfig) -> bool:
+    """Returns whether a figure tells something under these settings."""
+    if bound is KEYS_AS_COMMANDED:
+        return keys_can_follow(play)
+    return play.eye == "camera" or bound is PIXEL_DEVIATION
 
 
 def _changes(env: RobotEnv, seed: int, stop: threading.Event) -> list[Change]:

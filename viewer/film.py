@@ -51,7 +51,8 @@ class Film(Played):
 
     shown: Annotated[Path | None, tyro.conf.Positional, tyro.conf.arg(metavar="[FILE]")] = None
     """Folder of a run that is filmed epoch by epoch, such as runs/NAME; or a network, such as
-    robot_pong or runs/NAME/snapshots/best.safetensors; by default the published one of --env."""
+    robot_pong or runs/NAME/snapshots/best.safetensors; by default the published one of --env and
+    --game."""
     epsilon: Fraction = 0.001
     """Share of random actions of the network's play."""
     seconds: Amount = 0.0
@@ -71,7 +72,7 @@ class Film(Played):
             newest = chapters_of(run)[-1].weights
             assert newest is not None
             return newest
-        return find_weights(self.shown) if self.shown else shown_weights(self.env)
+        return find_weights(self.shown) if self.shown else shown_weights(self.env, self.game)
 
     def check(self) -> None:
         if (run := self._run) is None:
@@ -111,6 +112,8 @@ class Film(Played):
         chapters = chapters_of(folder)
         video = self._video_of(folder)
         config = self.config()
+        if changes := self.changes():
+            print(f"other than trained: {changes}")
         with (
             shown_env(config) as env,
             closing(Panels(env, self.nao_urdf, orbiting=True)) as panels,

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from actors.envs import make_env
 from actors.envs.shown_env import ShownEnv
 from actors.policy import Policy
+from common.errors import InputError
 from common.process.command_line import WeightsFile, parse
 from common.process.config_file import with_file
 from common.process.first_flags import read_first
@@ -27,7 +28,7 @@ from common.run.origin import origin_of
 from common.run.own_settings import defaults_of
 from common.run.presets import PRESETS
 from common.run.rules import check_config, check_robot
-from common.run.stored_config import flat
+from common.run.stored_config import differences, flat
 
 File = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
 Network = Annotated[WeightsFile | None, tyro.conf.Positional, tyro.conf.arg(metavar="[FILE]")]
@@ -59,7 +60,7 @@ class Played:
     game: str = RunConfig.game
     """Game: any that ale-py bundles."""
     seed: Annotated[int, Ge(0), Lt(MAX_SEED)] = RunConfig.seed
-    """Seed of the games and the random actions."""
+    """Seed of the games and the random actions; by default that of the network's training."""
     play: PlayConfig = field(default_factory=PlayConfig)
     camera: CameraConfig = field(default_factory=CameraConfig)
 
@@ -78,7 +79,7 @@ class Played:
         Raises InputError if the flags cannot work, or if the network does not fit them.
         """
         usual = settings_of(self.network, self.env)
-        given = {each.name: getattr(self, each.name) for each in fields(Played)}
+        given = {name: getattr(self, name) for name in _SHARED}
         config = replace(usual, **given)
         check_config(config)
         check_robot(usual, config)
@@ -86,18 +87,36 @@ class Played:
             check_fit(self.network, origin_of(self.network), config)
         return config
 
+    def changes(self) -> str:
+        """Returns in which settings the network plays otherwise than it was trained, as words for
+        people; an empty text if in none."""
+        if self.network is None or (trained := origin_of(self.network)) is None:
+            return ""
+        usual = replace(trained.for_play, seed=self.seed)
+        return ", ".join(differences(usual, self.config()))
 
+
+_SHARED = tuple(each.name for each in fields(Played))
+"""Fields of a `RunConfig` that all commands have flags for."""
+_HELP = ("-h", "--help")
 P = TypeVar("P", bound=Played)
 
 
 def parse_played(kind: type[P], program: str, arguments: Sequence[str]) -> P:
     """Parses as `common.process.command_line.parse` does. What no flag gives is as in the run of
-    the network, or else as in the preset of the environment."""
-    arguments = with_file(arguments)
+    the network, or else as in the preset of the environment; ``--help`` shows these values."""
+    arguments = with_file(arguments, _SHARED)
     known, _ = read_first(arguments, {"env": ["--env"]})
     usual = settings_of(None, known.get("env", RunConfig.env))
-    command = _parse(kind, program, arguments, usual)
-    if (trained := settings_of(command.network, command.env)) == usual:
+    flags = [argument for argument in arguments if argument not in _HELP]
+    try:
+        command = _parse(kind, program, flags, usual)
+        trained = settings_of(command.network, command.env)
+    except InputError:
+        if flags == arguments:
+            raise
+        trained = usual  # its help is asked for, without a network
+    if trained == usual and flags == arguments:
         return command
     return _parse(kind, program, going_on_from(flat(trained), arguments), trained)
 
@@ -105,7 +124,7 @@ def parse_played(kind: type[P], program: str, arguments: Sequence[str]) -> P:
 def _parse(kind: type[P], program: str, arguments: Sequence[str], usual: RunConfig) -> P:
     usually = defaults_of(kind)
     needed = {each.name: tyro.MISSING for each in fields(kind) if each.name not in usually}
-    defaults = {each.name: getattr(usual, each.name) for each in fields(Played)}
+    defaults = {name: getattr(usual, name) for name in _SHARED}
     return parse(kind, program, arguments, own_help(arguments), **needed, **defaults)
 
 

@@ -58,6 +58,8 @@ class Record(Played):
         """Records the games or the minutes, or until ``stop`` is set. Raises InputError if weights
         or folder cannot be used."""
         config = self.config()
+        if changes := self.changes():
+            print(f"other than trained: {changes}")
         policy_seed, env_seed = map(int, np.random.SeedSequence(config.seed).generate_state(2))
         policy = Policy.of_file(config, self.weights, self.epsilon, policy_seed)
         minute = 60 * config.play.steps_per_second

@@ -68,6 +68,8 @@ class Play(Played):
         """Plays the games or the seconds, or until ``stop`` is set. Raises InputError if weights,
         viewer or the NAO of --nao-urdf cannot be used."""
         config = self.config()
+        if changes := self.changes():
+            print(f"other than trained: {changes}")
         policy_seed, env_seed = map(int, np.random.SeedSequence(config.seed).generate_state(2))
         policy = ShownPolicy.of_file(config, self.weights, self.epsilon, policy_seed)
         with (

@@ -64,7 +64,7 @@ class Watch(Played):
 
     weights: Network = None
     """Network that plays, such as robot_pong or runs/NAME/snapshots/best.safetensors; by default
-    the published one of --env."""
+    the published one of --env and --game."""
     epsilon: Fraction = 0.001
     """Share of random actions."""
     games: Count = 0
@@ -72,7 +72,7 @@ class Watch(Played):
 
     @property
     def network(self) -> Path:
-        return self.weights or shown_weights(self.env)
+        return self.weights or shown_weights(self.env, self.game)
 
     def check(self) -> None:
         self.config()
@@ -86,7 +86,7 @@ class Watch(Played):
         terminal = Terminal(LEAST_SIZE)
         keys, scores = HeldKeys(), list[float]()
         with shown_env(config) as env, terminal:
-            screen = WatchScreen(env, config, name_of(self.network))
+            screen = WatchScreen(env, config, name_of(self.network), self.changes())
             answers = GraphicsAnswers()
             terminal.write(QUESTIONS)
             period, due = 1 / env.rate, time.monotonic()
@@ -110,8 +110,11 @@ class Watch(Played):
 class WatchScreen:
     """Lays out pictures and texts for a terminal of at least `LEAST_SIZE`."""
 
-    def __init__(self, env: ShownEnv[Any, Any], config: RunConfig, name: str) -> None:
+    def __init__(
+        self, env: ShownEnv[Any, Any], config: RunConfig, name: str, changes: str = ""
+    ) -> None:
         self._env = env
+        self._changes = f"; other than trained: {changes}" if changes else ""
         self._name = name
         self._title = config.played.replace("_", " ")
         self.graphics: Graphics | None = None
@@ -158,7 +161,7 @@ class WatchScreen:
         for number, line in enumerate(lines[:free], rows - free):
             text += f"\x1b[{number};{beside + 1}H{_PLAIN}{line}{_PLAIN}\x1b[K"
         games = f"{len(scores)} game{'' if len(scores) == 1 else 's'} over"
-        last = f"q leaves; {self._name} plays {self._title}, {games}"
+        last = f"q leaves; {self._name} plays {self._title}, {games}{self._changes}"
         return f"{text}\x1b[{rows};1H{_PLAIN}{_DIM}{last[: columns - 1]}{_PLAIN}\x1b[K\x1b[0m"
 
     def _seen(self, size: tuple[int, int]) -> NDArray[np.uint8]:

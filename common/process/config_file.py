@@ -3,7 +3,7 @@
 import dataclasses
 import json
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from itertools import chain
 from pathlib import Path
 
@@ -15,12 +15,16 @@ from common.run.config import RunConfig
 from common.run.stored_config import flag_of, from_mapping, settings
 
 
-def with_file(arguments: Sequence[str]) -> list[str]:
+def with_file(arguments: Sequence[str], used: Container[str] | None = None) -> list[str]:
     """Returns ``arguments`` with ``--config FILE`` replaced by the flags that the file stands for.
 
     They come first, so flags on the command line override them. The file is TOML whose tables are
     groups of flags, the ``config.json`` of a run, or the card of a policy. Raises InputError if it
     cannot be read.
+
+    Args:
+        used: fields of a `RunConfig` that the program has flags for; None for all. Of the settings
+            of a run or a card, the others are passed over.
     """
     known, rest = read_first(arguments, {"config": ["--config"]})
     if "--config" in rest:
@@ -36,6 +40,7 @@ def with_file(arguments: Sequence[str]) -> list[str]:
             if isinstance(stored, dict) and stored.keys().isdisjoint(vars(RunConfig())):
                 raise ValueError("it holds no settings of a run")
             told = dataclasses.asdict(from_mapping(RunConfig, stored, str(file), fill=True))
+            told = {name: value for name, value in told.items() if used is None or name in used}
         else:
             told = tomllib.loads(text)
         given = {

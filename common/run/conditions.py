@@ -45,7 +45,7 @@ class LatencyModelSettings:
 
 @dataclass(frozen=True)
 class PlayConfig:
-    """Game, observation and hands; the defaults are the 2017 settings."""
+    """Game, observation and hands."""  # The defaults are the settings of 2017.
 
     frame_stack: Annotated[int, Ge(2), Le(MAX_FRAME_STACK)] = 4
     """Number of frames per state."""
@@ -131,8 +131,7 @@ class PlayConfig:
 
 @dataclass(frozen=True)
 class CameraConfig:
-    """Light, camera and pose of the robot's eye; the defaults are a perfect camera in its usual
-    place."""
+    """Light, camera and pose of the robot's eye; by default it is perfect, in its usual place."""
 
     noise: Annotated[float, Ge(0), Le(255)] = 0.0
     """Standard deviation of each pixel's noise, grey levels (0 to 255)."""

@@ -8,15 +8,16 @@ from typing import Any
 from safetensors import SafetensorError, safe_open
 
 from common.errors import InputError, choice
+from common.games import GAMES
 from common.run.config import RunConfig
 from common.run.folder import RunFolder
 from common.run.stored_config import from_mapping, to_json
 
 SHIPPED = Path(__file__).resolve().parents[2] / "ale_robot" / "policies"
 """Folder of the published policies and their cards."""
-SHOWN = {"robot": "robot_pong_sticky", "ale": "ale_pong_sticky"}
-"""By environment, the published policy that plays if none is named: the best under sticky
-actions."""
+SHOWN = {"robot_pong": "robot_pong_sticky", "ale_pong": "ale_pong_sticky"}
+"""By environment and game, the published policy that plays if none is named, where there are
+several: the best under sticky actions."""
 
 
 def find_weights(name: str | Path) -> Path:
@@ -57,10 +58,18 @@ def name_of(weights: Path) -> str:
     return weights.stem if weights.parent == SHIPPED else str(weights)
 
 
-def shown_weights(env: str) -> Path:
-    """Returns the network that plays in the environment ``env`` if no network is named. Raises
-    InputError if none is published."""
-    return find_weights(SHOWN.get(env, env))
+def shown_weights(env: str, game: str) -> Path:
+    """Returns the network that plays the ``game`` in the environment ``env`` if no network is
+    named. Raises InputError if none is published."""
+    name = f"{env}_{game}"
+    file = SHIPPED / f"{SHOWN.get(name, name)}.safetensors"
+    if not file.is_file():
+        known = [each for each in GAMES if (SHIPPED / f"{env}_{each}.safetensors").is_file()]
+        told = "name a network; `ale-robot policies` lists the published ones."
+        raise InputError(
+            f"no published policy plays {game} in --env {env}: {choice(game, known, told)}"
+        )
+    return file
 
 
 _CONFIG = "config"

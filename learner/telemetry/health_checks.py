@@ -20,27 +20,14 @@ from dataclasses import replace
 
 from common.metrics import METRICS, PRESS_MS, Values, number
 from common.protocol.run_status import HealthCheck
-from common.registry import ENVIRONMENTS, ROBOTS
+from common.registry import ENVIRONMENTS
 from common.run.conditions import PlayConfig
 from common.run.config import RunConfig
+from common.run.hands import is_late, keys_can_follow
 from learner.telemetry.recent_latency import LEAST_MEASURED
 
 LONGEST_SILENCE = 60.0
 """Seconds without a turn of the training loop after which the learner counts as hanging."""
-_PRESS_FRAMES = 4
-"""Emulator frames within which the arms nearly always press the commanded keys, p99 of
-`python -m benchmarks.lab.press_latency`."""
-
-
-def keys_can_follow(play: PlayConfig) -> bool:
-    """Returns whether healthy hands press the commanded keys within the same agent step.
-
-    They cannot if commands come late on purpose, if a step is shorter than a press, if the robot is
-    slow by nature, or if the controller is read before the arms move.
-    """
-    # A modelled hand presses in the frame after its latency.
-    press = _PRESS_FRAMES if play.hand == "arm" else play.press_latency + 1
-    return not _is_late(play) and play.read_keys == "frame" and press <= play.frame_skip
 
 
 def latest_play(config: RunConfig) -> PlayConfig:
@@ -51,12 +38,6 @@ def latest_play(config: RunConfig) -> PlayConfig:
         actuation_latency=config.play.actuation_latency + config.randomise.latency,
         actuation_jitter=config.play.actuation_jitter + config.randomise.jitter,
     )
-
-
-def _is_late(play: PlayConfig) -> bool:
-    """Returns whether commands come late on purpose, or because the robot is slow by nature."""
-    prompt = ROBOTS.find(play.robot).prompt
-    return not prompt or max(play.actuation_latency, play.actuation_jitter, play.equal_latency) > 0
 
 
 def judge(values: Values, config: RunConfig) -> tuple[HealthCheck, ...]:
@@ -105,7 +86,7 @@ def _can_tell(key: str, values: Values, play: PlayConfig) -> bool:
         number(values, f"hands/press_{name}") or 0 for name in ("measured", "watched", "p99")
     )
     watched_enough = math.isfinite(p99) or watched >= PRESS_MS.limit
-    prompt = play.hand == "arm" and not _is_late(play)
+    prompt = play.hand == "arm" and not is_late(play)
     return prompt and measured >= LEAST_MEASURED and watched_enough
 
 

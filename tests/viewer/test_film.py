@@ -253,9 +253,13 @@ def test_without_a_network_the_published_one_of_the_environment_is_filmed(
 ) -> None:
     filmed = []
     monkeypatch.setattr(Play, "run", lambda play, stop: filmed.append(play.weights))
-    for flags in ((), ("--env", "ale")):
+    for flags in ((), ("--env", "ale"), ("--game", "breakout")):
         parsed(Film, *flags).run(threading.Event())
-    assert filmed == [find_weights("robot_pong_sticky"), find_weights("ale_pong_sticky")]
+    assert filmed == [
+        find_weights(name) for name in ("robot_pong_sticky", "ale_pong_sticky", "robot_breakout")
+    ]
+    with pytest.raises(InputError, match="no published policy plays zaxxon in --env robot: name a"):
+        parsed(Film, "--game", "zaxxon")
 
 
 def test_what_cannot_be_filmed_is_told(run: Path, tmp_path: Path) -> None:

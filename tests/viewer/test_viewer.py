@@ -150,6 +150,74 @@ class TallSettings:
     depth: int = 1
 
 
+@pytest.mark.parametrize(
+    ("flags", "judged"),
+    [
+        ((), {"pixel deviation", "valid frames", "corners within 1.5 px", "keys as commanded"}),
+        (
+            ("--play.actuation-latency", "8"),
+            {"pixel deviation", "valid frames", "corners within 1.5 px"},
+        ),
+        (("--play.eye", "emulator"), {"pixel deviation", "keys as commanded"}),
+        (("--env", "ale"), {"pixel deviation"}),
+    ],
+)
+def test_a_check_judges_only_what_the_settings_let_it_tell(
+    flags: tuple[str, ...],
+    judged: set[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setattr("viewer.check.AGENT_STEPS", 20)
+    monkeypatch.setattr("viewer.check._changes", lambda env, seed, stop: [])
+    assert command(monkeypatch, "check", "-o", str(tmp_path / "c.png"), *flags) == 0
+    told = capsys.readouterr().out
+    assert set(re.findall(r"│ (\S.*?) +│ .* green │", told)) == judged
+    assert "red" not in told
+
+
+def test_what_differs_from_the_training_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    weights = str(in_run(tmp_path, SHORT, 6))
+    told = "other than trained: play.sticky 0.0 → 0.25, camera.noise 0.0 → 8.0\n"
+    flags = ("--play.sticky", "0.25", "--camera.noise", "8", "--seed", "3")
+    assert command(monkeypatch, "play", weights, *flags) == 0
+    assert capsys.readouterr().out.startswith(told + "game 1: ")
+    assert command(monkeypatch, "play", weights, "--seed", "3") == 0
+    assert capsys.readouterr().out.startswith("game 1: ")
+    assert command(monkeypatch, "play", "--camera.noise", "8", "--seconds", "0.1") == 0
+    assert "trained" not in capsys.readouterr().out
+
+
+def test_the_help_beside_a_network_shows_what_it_was_trained_with(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    play = replace(SHORT.play, equal_latency=11)
+    weights = str(in_run(tmp_path, replace(SHORT, game="breakout", seed=84, play=play), 4))
+    for named, shown in (([weights], ("breakout", 84, 11)), ([], ("pong", 1, 0))):
+        with pytest.raises(SystemExit) as left:
+            command(monkeypatch, "play", *named, "--help")
+        assert left.value.code == 0
+        told = " ".join(re.sub(r"[│\s]+", " ", capsys.readouterr().out).split())
+        usual = re.findall(r"--(game|seed|play\.equal-latency) .*?\(default: (\S+)\)", told)
+        assert [value for _, value in usual] == list(map(str, shown))
+
+
+def test_a_card_names_the_settings_that_are_shown(tmp_path: Path) -> None:
+    """It has those of learning too, for which there are no flags here."""
+    weights = in_run(tmp_path, SHORT, 6)
+    card = tmp_path / "card.json"
+    noisy = replace(SHORT, game="breakout", camera=CameraConfig(noise=3.0))
+    card.write_text(to_json(noisy))
+    found = parsed(Play, "--config", card, "--play.sticky", 0.25)
+    assert (found.game, found.camera.noise, found.play.sticky) == ("breakout", 3.0, 0.25)
+    assert found.play.minimal_actions
+    with pytest.raises(InputError, match="trained with 6 actions"):
+        parsed(Play, weights, "--config", card).config()
+
+
 def test_a_robots_own_settings_go_over_those_of_the_run(tmp_path: Path) -> None:
     tall = RobotKind("tall", "nowhere:tall", joints=8, settings=TallSettings)
     play = replace(PRESETS["robot"].play, robot="tall", robot_settings="reach=2 depth=3")

@@ -9,9 +9,10 @@ from common.metrics import METRICS, Bound, Metric, Value, declare
 from common.press_latency import KeyLatency, ms_of
 from common.protocol.run_status import HealthCheck
 from common.run.conditions import PlayConfig
+from common.run.hands import keys_can_follow
 from common.run.presets import PRESETS
 from common.run.ranges import RandomiseConfig
-from learner.telemetry.health_checks import judge, keys_can_follow, reasons
+from learner.telemetry.health_checks import judge, reasons
 
 HEALTHY: dict[str, Value] = {
     "play/valid_frame_share": 0.995,

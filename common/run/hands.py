@@ -1,0 +1,25 @@
+"""What can be expected of a robot's hands under the settings of play."""
+
+from common.registry import ROBOTS
+from common.run.conditions import PlayConfig
+
+_PRESS_FRAMES = 4
+"""Emulator frames within which the arms nearly always press the commanded keys, p99 of
+`python -m benchmarks.lab.press_latency`."""
+
+
+def keys_can_follow(play: PlayConfig) -> bool:
+    """Returns whether healthy hands press the commanded keys within the same agent step.
+
+    They cannot if commands come late on purpose, if a step is shorter than a press, if the robot is
+    slow by nature, or if the controller is read before the arms move.
+    """
+    # A modelled hand presses in the frame after its latency.
+    press = _PRESS_FRAMES if play.hand == "arm" else play.press_latency + 1
+    return not is_late(play) and play.read_keys == "frame" and press <= play.frame_skip
+
+
+def is_late(play: PlayConfig) -> bool:
+    """Returns whether commands come late on purpose, or because the robot is slow by nature."""
+    prompt = ROBOTS.find(play.robot).prompt
+    return not prompt or max(play.actuation_latency, play.actuation_jitter, play.equal_latency) > 0
