@@ -2,7 +2,7 @@
 
 import sys
 from collections.abc import Callable
-from dataclasses import fields
+from dataclasses import fields, replace
 from typing import Any
 
 import gymnasium
@@ -12,7 +12,7 @@ from actors.envs.robot import RobotEnv
 from actors.vision.layout import ASPECT
 from common.errors import InputError
 from common.run.config import RunConfig
-from common.run.rules import check_ignored
+from common.run.rules import check_config
 from viewer.terminal.rendering import TerminalRendering
 
 
@@ -41,7 +41,11 @@ class EntryPoint:
                 output is not a terminal, and render_mode is "human".
         """
         known = {each.name for each in fields(RunConfig)} & settings.keys()
-        check_ignored(RunConfig(env=self._name, **{name: settings[name] for name in known}))
+        usual = RunConfig(env=self._name)
+        for name in known:
+            if (kind := type(getattr(usual, name))) is not type(settings[name]):
+                raise InputError(f"{name} is {settings[name]!r}: give a {kind.__name__}.")
+        check_config(replace(usual, **{name: settings[name] for name in known}))
         human = render_mode == "human"
         if human and (sys.stdout is None or not sys.stdout.isatty()):
             raise InputError(

@@ -11,11 +11,16 @@ from numpy.typing import NDArray
 from rich.console import Console
 
 from actors.envs import make_env
+from actors.envs.game_env import GameEnv
 from actors.envs.observation import Observation, frames_and_vector
 from actors.policy import Policy
 from common.errors import InputError
 from common.run.clock import ClockConfig
+from common.run.conditions import CameraConfig, PlayConfig
+from common.run.config import RunConfig
+from common.run.fit import check_fit
 from common.run.origin import find_weights, origin_of
+from common.run.rules import check_config
 from learner.evaluation import offline
 from learner.evaluation.options import EPSILON, GAMES, EvaluationOptions
 from viewer.player import settings_of
@@ -38,10 +43,24 @@ class TrainedPolicy:
         self.config = settings_of(self.weights)
         self._policy = Policy.of_file(self.config, self.weights, epsilon, seed)
 
-    def make_env(self) -> gymnasium.Env[Any, Any]:
-        """Returns an environment with the settings of its training, whose episodes are whole
-        games."""
-        return make_env(self.config, training=False)
+    def make_env(
+        self, *, play: PlayConfig | None = None, camera: CameraConfig | None = None
+    ) -> gymnasium.Env[Any, Any]:
+        """Returns an environment whose episodes are whole games, and whose ``render`` returns the
+        room from outside, or the emulator's screen.
+
+        Args:
+            play: settings instead of those of its training, ``config.play``.
+            camera: settings instead of those of its training, ``config.camera``.
+
+        Raises:
+            InputError: the settings cannot work, or the network does not fit them.
+        """
+        config = _changed(self.weights, self.config, play, camera)
+        env = make_env(config, training=False)
+        if isinstance(env, GameEnv):
+            env.render_mode = "rgb_array"
+        return env
 
     def act(self, observation: Observation) -> int:
         """Returns the index of an action, for an observation of `make_env`."""
@@ -68,17 +87,22 @@ def evaluate(
     epsilon: float = EPSILON,
     seed: int = 1,
     processes: int = 0,
+    play: PlayConfig | None = None,
+    camera: CameraConfig | None = None,
 ) -> dict[str, Any]:
     """Plays whole games in several processes, as ``ale-robot evaluate`` does.
 
     Args:
         processes: number of games played at the same time; 0 for as many as there are cores.
+        play: settings instead of those of its training, ``load_policy(weights).config.play``.
+        camera: settings instead of those of its training.
 
     Returns:
         What ``ale-robot evaluate --json`` writes: "mean", "deviation", "iqm", "scores", …
 
     Raises:
-        InputError: there is no such network, or the settings of its training are unknown.
+        InputError: there is no such network, or the settings of its training are unknown; the
+            given settings cannot work, or the network does not fit them.
     """
     file = find_weights(weights)
     if (trained := origin_of(file)) is None:
@@ -87,7 +111,7 @@ def evaluate(
     options.check()
     found = offline.evaluate(
         options,
-        replace(trained.for_play, seed=seed),
+        replace(_changed(file, trained.for_play, play, camera), seed=seed),
         trained,
         ClockConfig(),
         threading.Event(),
@@ -95,3 +119,14 @@ def evaluate(
     )
     assert found is not None  # nobody stops it
     return found
+
+
+def _changed(
+    weights: Path, config: RunConfig, play: PlayConfig | None, camera: CameraConfig | None
+) -> RunConfig:
+    """Returns ``config`` with those settings that are given."""
+    changed = replace(config, play=play or config.play, camera=camera or config.camera)
+    if changed != config:
+        check_config(changed)
+        check_fit(weights, config, changed)
+    return changed

@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -54,9 +55,33 @@ def test_a_shipped_policy_plays_in_its_own_environment() -> None:
     assert all(ale_robot.load_policy("ale_pong", epsilon=1.0).act(observation) < 6 for _ in "ab")
 
 
+def test_a_policy_plays_and_is_evaluated_under_other_conditions() -> None:
+    policy = ale_robot.load_policy("ale_pong")
+    usual, noisy = policy.make_env(), policy.make_env(camera=CameraConfig(noise=60.0))
+    first, other = (env.reset(seed=1)[0] for env in (usual, noisy))
+    assert np.abs(first.astype(int) - other).mean() > 10  # grey levels
+    shown: Any = noisy.render()
+    assert shown.shape == (210, 160, 3)
+    sticky = replace(policy.config.play, sticky=0.25)
+    found = ale_robot.evaluate("ale_pong", games=1, epsilon=1.0, play=sticky)
+    assert found["changed"] == ["play.sticky 0.0 → 0.25"]
+    with pytest.raises(InputError, match=r"^camera\.noise is -1"):
+        policy.make_env(camera=CameraConfig(noise=-1))
+    with pytest.raises(InputError, match="trained with 6 actions"):
+        ale_robot.evaluate("ale_pong", play=PlayConfig())
+
+
 @pytest.mark.parametrize(
     ("name", "settings", "told"),
     [
+        (
+            "Pong",
+            {"play": PlayConfig(actuation_latency=99)},
+            r"play\.actuation_latency is 99: choo",
+        ),
+        ("Pong", {"play": PlayConfig(eye="nose")}, r"play\.eye is 'nose'"),  # type: ignore[arg-type]
+        ("Pong", {"camera": {"noise": 5}}, r"^camera is \{'noise': 5\}: give a CameraConfig\."),
+        ("Pong-Emulator", {"play": PlayConfig(frame_stack=0)}, r"play\.frame_stack is 0: choose"),
         (
             "Pong-Emulator",
             {"camera": CameraConfig(distortion=0.06)},
