@@ -24,6 +24,7 @@ from common.atomic_file import write_atomically, write_json
 from common.checked import NAME
 from common.errors import InputError
 from common.process.command_line import parse
+from common.process.exit_codes import UNREACHABLE
 from common.process.extras import check_extra, extra_for
 from common.regular_file import read_file
 from common.run.origin import find_weights
@@ -161,14 +162,21 @@ def _ask(what: str, repository: str, **arguments: Any) -> Any:
     """Calls the method ``what`` of huggingface_hub's API, and returns its result.
 
     Raises:
-        InputError: huggingface_hub is not installed, or the hub refuses.
+        InputError: huggingface_hub is not installed, the name is none, or the hub is away or
+            refuses.
     """
     with extra_for("a model hub", "hub"):
         from huggingface_hub import HfApi
+    owner, _, name = repository.partition("/")
+    if not (re.fullmatch(NAME, owner) and re.fullmatch(NAME, name)):
+        raise InputError(f"{repository} names no repository: write OWNER/NAME.")
     try:
         return getattr(HfApi(), what)(repo_id=repository, **arguments)
     except Exception as error:  # its own errors, and those of any HTTP client that it uses
         reason = str(error).strip().partition("\n")[0].rstrip(".")
+        if isinstance(error, ConnectionError | TimeoutError) or "Connect" in type(error).__name__:
+            told = f"the hub cannot be reached ({reason}): see HF_ENDPOINT and your network."
+            raise InputError(told, UNREACHABLE) from None
         raise InputError(f"the hub does not serve {repository}: {reason}.") from None
 
 

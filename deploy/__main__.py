@@ -16,6 +16,7 @@ if __name__ == "__main__":
 import sys
 from importlib import import_module
 
+from common.errors import InputError
 from common.process.command_line import parse
 from common.process.extras import extra_for
 from common.process.program_end import exit_on_input_error
@@ -26,7 +27,12 @@ def main() -> None:
     """Writes the files that the engine needs, and prints what to do with them."""
     given = sys.argv[1:]
     at = given.index("--") if "--" in given else len(given)
-    options = parse(LaunchOptions, "deploy", given[:at])
+    try:
+        options = parse(LaunchOptions, "deploy", given[:at])
+    except InputError as error:
+        if at < len(given) or not str(error).startswith("there is no flag"):
+            raise
+        raise InputError(f"{error} Flags of the run itself come after `--`.") from None
     run = describe(options, given[at + 1 :])
     with extra_for("launch ray", "ray"):  # no other engine needs an extra package
         name = "ray_cluster" if options.engine == "ray" else options.engine

@@ -24,6 +24,7 @@ from actors.envs.robot import RobotEnv
 from actors.loop import Step, play
 from actors.vision.layout import ASPECT, UNIT_SQUARE
 from common.actions import KEYS_OF_ACTION, Keys, action_of_keys
+from common.counted import counted
 from common.errors import InputError
 from common.games import MINIMAL_ACTIONS
 from common.minus import points
@@ -151,7 +152,7 @@ class _Seat:
             f"{self._latency()}  score {points(step.info.game_score)}",
             f"keys of {env.emulator.game}: {used_keys(env.emulator.game)}; q leaves"
             f"{'' if detection.valid else '  SCREEN NOT SEEN'}"
-            f"{f'  {self._late} frames late' if self._late else ''}",
+            + (f"  {counted(self._late, 'frame')} late" if self._late else ""),
         )
         for row, line in enumerate(lines, rows - 1):
             text += f"\x1b[{row};1H{line[: columns - 1]}\x1b[K"

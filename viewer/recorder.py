@@ -15,6 +15,7 @@ from actors.envs.robot import RobotEnv
 from actors.loop import Step
 from actors.stream.chunker import STEP_VALUES
 from common.actions import Keys
+from common.counted import counted
 from common.dataset.layout import CAMERA, COLUMNS, Feature, step_features
 from common.errors import InputError, writing
 from common.process.extras import extra_for
@@ -87,8 +88,7 @@ class Recorder(gymnasium.Wrapper[Any, Any, Any, Any]):
     def summary(self) -> str:
         """A line for people that sums up the closed recording."""
         dataset = self.dataset
-        games = "1 game" if dataset.episodes == 1 else f"{dataset.episodes:,} games"
-        steps = "1 step" if dataset.steps == 1 else f"{dataset.steps:,} steps"
+        games, steps = counted(dataset.episodes, "game"), counted(dataset.steps, "step")
         cut = ", cut at the end," if self._was_cut else ""
         return f"wrote {games} of {steps}{cut} to {dataset.folder}"
 

@@ -12,6 +12,7 @@ import tyro
 from actors.envs.shown_env import ShownEnv
 from actors.loop import play
 from common.checked import Amount, Fraction, FromOne
+from common.counted import counted
 from common.errors import InputError
 from common.minus import minus_signed, points
 from common.process.extras import check_extra
@@ -97,7 +98,7 @@ class Play(Played):
                     late = "" if self.clock.sync else f", {missed} deadlines missed"
                     print(
                         f"game {len(scores)}: score {points(scores[-1])} "
-                        f"in {step.info.game_steps} steps{late}",
+                        f"in {counted(step.info.game_steps, 'step')}{late}",
                         flush=True,
                     )
                     missed = 0
@@ -109,7 +110,7 @@ class Play(Played):
                     if not scores:
                         print(
                             f"no game ended: score {points(step.info.game_score)} "
-                            f"after {step.info.game_steps} steps"
+                            f"after {counted(step.info.game_steps, 'step')}"
                         )
                     if not ended:
                         print(f"stopped after {seconds:.1f} s of play")

@@ -22,6 +22,7 @@ from actors.loop import Step, play
 from actors.vision.layout import ASPECT, border_of
 from common.actions import KEYS_OF_ACTION
 from common.checked import Count, Fraction
+from common.counted import counted
 from common.minus import points
 from common.q_bars import q_bars
 from common.run.config import RunConfig
@@ -160,7 +161,7 @@ class WatchScreen:
         lines = self._lines(step, values, scores, min(columns - beside, _MAX_SIDE), free)
         for number, line in enumerate(lines[:free], rows - free):
             text += f"\x1b[{number};{beside + 1}H{_PLAIN}{line}{_PLAIN}\x1b[K"
-        games = f"{len(scores)} game{'' if len(scores) == 1 else 's'} over"
+        games = f"{counted(len(scores), 'game')} over"
         last = f"q leaves; {self._name} plays {self._title}, {games}{self._changes}"
         return f"{text}\x1b[{rows};1H{_PLAIN}{_DIM}{last[: columns - 1]}{_PLAIN}\x1b[K\x1b[0m"
 

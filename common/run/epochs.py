@@ -139,9 +139,12 @@ class EpochTable:
         except OSError as error:
             raise cannot_read(self._path, error) from None
         if header != _HEADER:
+            what = "name a run's folder or its epochs.csv, or put that line back"
+            if self._path.suffix == ".json":
+                what = "add --figure histogram if it is an evaluation, or name a run's folder"
             raise InputError(
                 f"{self._path} is not a table of epochs, because its first line does not name the "
-                "columns: name a run's folder or its epochs.csv, or put that line back."
+                f"columns: {what}."
             )
         return lines
 

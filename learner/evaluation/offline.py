@@ -16,7 +16,9 @@ from typing import Any
 from rich.console import Console
 
 from common.atomic_file import write_json
+from common.counted import counted
 from common.errors import InputError, writing
+from common.metrics import VALID_FRAMES
 from common.minus import points
 from common.network import build_network
 from common.process.exit_codes import FAILED
@@ -32,6 +34,7 @@ from common.run.stored_config import differences, to_json
 from common.strict_json import strict
 from learner.evaluation.options import EvaluationOptions
 from learner.evaluation.results import ENDING, summarise, table
+from learner.telemetry.formats import per_cent
 from learner.telemetry.provenance import provenance
 
 _POLL = 0.5
@@ -73,6 +76,12 @@ def evaluate(
         **made_by,
     }
     console.print(table(content))
+    if (seen := min(row["valid_frame_share"] for row in rows)) < VALID_FRAMES.limit:
+        console.print(
+            f"The screen was found in {per_cent(seen, 1)} of the frames only: what was not seen "
+            "cannot be played.",
+            soft_wrap=True,
+        )
     content = strict(content)
     if options.json is not None:
         with writing(options.json):
@@ -94,7 +103,8 @@ def _rows(
     measures = options.measures(config, trained)
     rows, played = [], 0
     total = options.game_count * len(measures)
-    begins = f"{total} games, {options.at_once} at a time; the time left follows with the first"
+    at_once = f"{options.at_once} at a time; the time left follows with the first"
+    begins = f"{counted(total, 'game')}, {at_once}"
     with Progress("evaluating", total, begins) as progress:
         for number, measure in enumerate(measures, 1):
             settings = replace(config, play=replace(config.play, sticky=measure.sticky))
@@ -115,8 +125,9 @@ def _rows(
             rows.append({**asdict(measure), **told, **summarise(found, clock)})
     if len(rows) < len(measures):  # told once the bar has gone: the console would write behind it
         unwritten = f": {options.json} is not written" if options.json is not None else ""
-        games = "1 game" if played == 1 else f"{played} games"
-        console.print(f"stopped after {games}{unwritten}", markup=False, soft_wrap=True)
+        console.print(
+            f"stopped after {counted(played, 'game')}{unwritten}", markup=False, soft_wrap=True
+        )
         return None
     return rows
 

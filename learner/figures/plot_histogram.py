@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.pyplot import subplots
 from numpy.typing import NDArray
 
+from common.counted import counted
 from common.errors import InputError
 from common.minus import minus_signed, points
 from learner.figures.plot_style import INK, dress, label
@@ -95,7 +96,7 @@ def histogram_figure(evaluations: Sequence[Evaluation]) -> Figure:
         axes.margins(y=0.25)
         mean, iqm = (minus_signed(f"{value:.2f}") for value in (each.mean, each.iqm))
         figures = (
-            f"{len(each.scores)} games, mean {mean} ± {each.deviation:.2f} (line), "
+            f"{counted(len(each.scores), 'game')}, mean {mean} ± {each.deviation:.2f} (line), "
             f"interquartile mean {iqm}"
         )
         axes.set_title(f"{each.name}\n{figures}", loc="left", fontsize=9, color=INK)

@@ -16,6 +16,7 @@ import pytest
 
 from ale_robot.hub import Pull, Push
 from common.errors import InputError
+from common.process.exit_codes import UNREACHABLE
 from common.run.origin import SHIPPED
 from tests.paths import ROOT
 
@@ -237,9 +238,32 @@ def test_what_is_no_policy_is_not_kept(
         assert pushed.fetched == [] or pushed.fetched == ["ale_pong.safetensors"] * 2
 
 
-@pytest.mark.parametrize("name", ["me/nothing", "no name", "a/b/c"])
-def test_a_repository_that_is_not_there_is_told_in_a_sentence(
-    hub: Hub, tmp_path: Path, name: str
+def test_a_repository_that_is_not_there_is_told_in_a_sentence(hub: Hub, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="the hub does not serve me/nothing: "):
+        Pull("me/nothing", tmp_path).run()
+
+
+@pytest.mark.parametrize("name", ["pong", "no name", "a/b/c", "/pong", "me/"])
+def test_what_names_no_repository_is_refused_before_the_hub_is_asked(
+    tmp_path: Path, name: str
 ) -> None:
-    with pytest.raises(InputError, match=f"the hub does not serve {name}: "):
+    with pytest.raises(InputError, match=f"^{name} names no repository: write OWNER/NAME"):
         Pull(name, tmp_path).run()
+    with pytest.raises(InputError, match=f"^{name} names no repository: write OWNER/NAME"):
+        Push("ale_pong", name).run()
+
+
+def test_a_hub_that_is_away_has_an_exit_code_of_its_own(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    hub = pytest.importorskip("huggingface_hub")
+
+    def away(self: object, **_: object) -> None:
+        raise ConnectionError("[Errno -2] Name or service not known")
+
+    monkeypatch.setattr(hub.HfApi, "model_info", away)
+    with pytest.raises(
+        InputError, match=r"^the hub cannot be reached \(\[Errno -2\] Name or"
+    ) as told:
+        Pull("me/pong", tmp_path).run()
+    assert told.value.exit_code == UNREACHABLE

@@ -130,6 +130,13 @@ def test_what_cannot_run_is_refused_before_it_waits_in_a_queue(
     assert not list(tmp_path.iterdir())
 
 
+def test_a_flag_of_the_run_on_the_launchers_side_is_told_its_place(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    with pytest.raises(InputError, match=r"no flag --game.* Flags of the run itself come after"):
+        launch(monkeypatch, "slurm", f"--runs={tmp_path}", "--game=pong")
+
+
 @pytest.mark.parametrize("time", ["90", "90:00", "1:30:00", "2-12", "2-12:30", "2-12:30:00"])
 def test_the_times_of_slurm_are_those_of_its_manual(
     time: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path

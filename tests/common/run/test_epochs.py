@@ -173,6 +173,13 @@ def test_resume_with_rows_missing_is_refused(path: Path) -> None:
     assert len(EpochTable(path).rows()) == 2
 
 
+def test_an_evaluation_is_told_its_figure(tmp_path: Path) -> None:
+    file = tmp_path / "evaluation.json"
+    file.write_text("{}\n")
+    with pytest.raises(InputError, match="add --figure histogram if it is an evaluation"):
+        EpochTable(file).rows()
+
+
 @pytest.mark.parametrize(
     ("content", "what"),
     [

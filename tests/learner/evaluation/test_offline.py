@@ -181,6 +181,14 @@ def evaluated(options: EvaluationOptions, config: RunConfig, trained: RunConfig 
     return found, console.export_text()
 
 
+@pytest.mark.parametrize("valid", [49, 50])
+def test_a_score_of_a_robot_that_did_not_see_is_told_as_such(program: Path, valid: int) -> None:
+    write(program, f"print({json.dumps(GAME | {'valid': valid})!r}, flush=True)")
+    _, shown = evaluated(EvaluationOptions(program, games=2, processes=2), CONFIG, None)
+    told = "The screen was found in 98.0 % of the frames only: what was not seen cannot be played."
+    assert (told in shown) == (valid < 50)
+
+
 def test_results_are_printed_and_written(
     program: Path,
     tmp_path: Path,
