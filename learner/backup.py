@@ -113,8 +113,8 @@ def main() -> None:
     folder = RunFolder(copy.parent, copy.name)
     replay_alone = folder.replay.exists() and not folder.checkpoint.exists()
     print(
-        f"{options.run} is copied to {copy}. To continue the copy: ale-robot "
-        f"{'replay' if replay_alone else 'train'} --resume {where}, with the run's other flags."
+        f"{options.run} is copied to {copy}. To continue the copy, with the run's other flags:\n"
+        f"  ale-robot {'replay' if replay_alone else 'train'} --resume {where}"
     )
     name = options.run.resolve().name
     if copy.name != name:

@@ -41,7 +41,8 @@ class Farewell:
         """Lets the evaluators play the last tests and leave; says so if epochs stay untested."""
         self.evaluation.finish()
         self.look()  # a local evaluator that has just ended is started again
-        if self.evaluation.pending and not self._evaluator_expected():
+        if self.evaluation.pending and not self._evaluator_expected() and self.children is None:
+            # Local mode without evaluators was asked for.
             self.say(
                 "There is no evaluator, so epochs stay untested: "
                 "start `python -m actors --evaluator` beside the learner next time."

@@ -185,10 +185,10 @@ class Learner:
         self._replay_progress = self._ask_replay()
         known, found = self.phases.agent_steps, self._replay_progress.agent_steps
         if found - known > self.config.replay.ratio_tolerance:
-            self.telemetry.say(
-                f"The replay has {found - known:,} steps more than the checkpoint: actors wait "
-                "until the updates have caught up."
-            )
+            more = f"has {found - known:,} steps more than the checkpoint"
+            if not known:  # those of a recording
+                more = f"begins with {found:,} steps"
+            self.telemetry.say(f"The replay {more}: actors wait until the updates have caught up.")
         self._publish()
         self._save()  # not `_checkpoint`: a disk that is full at the start ends the run
 

@@ -832,6 +832,23 @@ def test_without_an_evaluator_the_end_is_not_waited_for() -> None:
     assert len(world.checkpoints[-1]["tests"]) == 1  # for one that comes to the resumed run
 
 
+def test_local_mode_without_evaluators_was_asked_for() -> None:
+    world = World(evaluators=set())
+    learner = world.learner(steps_goal=300)
+    learner.start()
+    learner.run(children_of_local_mode())
+    assert world.said == []
+
+
+def test_a_run_that_begins_with_a_recording_has_no_checkpoint_to_be_compared_with() -> None:
+    world = World()
+    world.play(1_100, DEMONSTRATIONS)
+    world.learner().start()
+    assert world.said == [
+        "The replay begins with 1,100 steps: actors wait until the updates have caught up."
+    ]
+
+
 def test_a_local_evaluator_that_has_not_joined_yet_is_waited_for() -> None:
     world = World(evaluators=set())
     world.once(lambda: world.now >= 1_300.0, lambda: world.evaluators.add("e"))
