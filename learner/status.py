@@ -155,7 +155,7 @@ def _rows(learner: RunStatus | None) -> Iterator[tuple[str, ...]]:
     yield "learner", state, learner.version, rate, UNKNOWN, _ago(learner.silent_for)
     for actor in learner.actors:
         share = round(100 * actor.held_share)
-        held = f", throttled {share} %" if share else ""
+        held = f", throttled {share}%" if share else ""
         yield (
             actor.name,
             f"{actor.role}{held}" if actor.alive else f"{actor.role}, {ended(actor.leaving)}",

@@ -69,7 +69,7 @@ def test_the_command_to_go_on_can_be_pasted(
     monkeypatch.setattr("sys.argv", ["learner.backup", str(run.path), "-o", str(copy)])
     backup.main()
     told = capsys.readouterr().out
-    assert f"train --resume --runs '{copy.parent}' --run r2, with" in told
+    assert f"train --resume --runs '{copy.parent}' --run r2\n" in told
     assert "The copy is called r2: to let the actors of r join it" in told
 
 
@@ -85,7 +85,7 @@ def test_a_replay_alone_goes_on_as_a_replay(
     monkeypatch.setattr("sys.argv", ["learner.backup", str(run.path), "-o", str(copy)])
     backup.main()
     told = capsys.readouterr().out
-    assert f"ale-robot replay --resume --runs {tmp_path} --run r, with" in told
+    assert f"ale-robot replay --resume --runs {tmp_path} --run r\n" in told
     assert "The copy is called" not in told
 
 

@@ -112,7 +112,7 @@ def test_the_row_of_a_throttled_actor_fits_80_columns(client: Transport) -> None
     StatusSink(client, KEYS).write(replace(NOW, actors=actors))
     text = shown(ask(client, KEYS, "tcp/here"), 80)
     assert re.search(r"vm-00000001 +actor +\d", text)
-    assert re.search(r"vm-00000002 +actor, throttled 61 % +\d", text)
+    assert re.search(r"vm-00000002 +actor, throttled 61% +\d", text)
 
 
 def shown(report: Report, width: int = 120) -> str:
