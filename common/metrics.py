@@ -213,12 +213,13 @@ declare(
            gate="following_frames",
            bound=Bound("following frames", "≥", 0.5,
                        "frames stay the same while the game goes on", quiet=True)),
-    Metric("play/faulty_actors", "processes", "count",
-           "Actors of whose newest steps fewer than half saw the screen, saw it change, or ended "
-           "with the commanded keys",
-           bound=Bound("faulty actors", "=", 0, "some robots see nothing new, or press no keys",
-                       quiet=True, who="play/faulty_actor_names")),
-    Metric("play/faulty_actor_names", "none", "text", "Names of three faulty actors"),
+    Metric("play/faulty_environments", "none", "count",
+           "Environments of whose newest steps fewer than half saw the screen, saw it change, or "
+           "ended with the commanded keys",
+           bound=Bound("faulty environments", "=", 0,
+                       "some robots see nothing new, or press no keys", quiet=True,
+                       who="play/faulty_actors")),
+    Metric("play/faulty_actors", "none", "text", "Names of up to three actors that have them"),
 
     Metric("learning/pixel_deviation", "grey levels", "significant",
            "Standard deviation of a sampled frame's pixels, mean over the recent updates",

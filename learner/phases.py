@@ -13,7 +13,7 @@ from common.run.config import RunConfig
 from common.run.epochs import EpochRow
 from common.run.hands import keys_can_follow
 from learner.evaluation.coordinator import EpochTest
-from learner.faulty_actors import FaultyActors
+from learner.faulty_environments import FaultyEnvironments
 from learner.run_clock import RunClock
 from learner.telemetry.health_checks import latest_play
 from replay.chunk_statistics import ChunkStatistics
@@ -58,7 +58,9 @@ class Phases:
         """Agent steps of the phase before; None after a restart."""
         self._recent_scores: deque[float] = deque(maxlen=RECENT_GAMES)
         self._recent_chunks: deque[ChunkStatistics] = deque(maxlen=RECENT_CHUNKS)
-        self._faulty_actors = FaultyActors(keys_can_follow=keys_can_follow(latest_play(config)))
+        self._faulty_environments = FaultyEnvironments(
+            keys_can_follow=keys_can_follow(latest_play(config))
+        )
 
     # ------------------------------------------------------------------ counting
 
@@ -77,7 +79,7 @@ class Phases:
             self.games += len(scores)
             self._recent_scores.extend(scores)
         self._recent_chunks.append(chunk)
-        self._faulty_actors.add(chunk)
+        self._faulty_environments.add(chunk)
         return self.phase_steps >= self.phase_length and chunk.actor != DEMONSTRATIONS
 
     def add(self, loss: "Tensor") -> None:
@@ -192,7 +194,7 @@ class Phases:
             "play/valid_frame_share": sum(e.valid for e in judged) / steps if steps else None,
             "play/following_frame_share": sum(e.follows for e in judged) / steps if steps else None,
             "play/press_match_share": sum(e.matched for e in judged) / steps if steps else None,
-            **self._faulty_actors.values(),
+            **self._faulty_environments.values(),
             "stream/staleness_p50": p50,
             "stream/staleness_p95": p95,
             "stream/samples_per_insert": samples / self.train_steps if self.train_steps else None,

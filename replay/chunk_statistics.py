@@ -43,12 +43,14 @@ class ChunkStatistics(NamedTuple):
     """Number of steps that ended with the commanded keys pressed."""
     games: Rows[Game]
     incarnation: Count = 0
-    """Incarnation of the actor's process. This field and the next two are 0 in journals that were
-    written before the field existed."""
+    """Incarnation of the actor's process. This field and the next ones are 0 in journals that
+    were written before the field existed."""
     follows: Count = 0
     """Number of steps whose frame changed with the game."""
     curriculum_steps: Count = 0
     """Net number of steps by which the curriculum had advanced."""
+    stream: Count = 0
+    """Number of the actor's environment."""
 
 
 @dataclass(frozen=True)

@@ -213,6 +213,7 @@ class Store:
             matched=int(np.count_nonzero(chunk.matched)),
             games=chunk.games,
             incarnation=chunk.incarnation,
+            stream=chunk.stream,
             follows=int(np.count_nonzero(chunk.follows)),
             curriculum_steps=curriculum_steps(self._config, past, agent_steps, len(chunk)),
         )
