@@ -44,11 +44,13 @@ class PolicySync:
 
     def follow(self, ack: Ack) -> None:
         """Takes ε and the games' difficulty from the run; fetches weights that were missed."""
-        self._policy.epsilon = self._config.epsilon_at(ack.agent_steps)
         self._difficulty = ack.difficulty
         if not ack.finished and (not self._has_weights or self._lags(ack)):
             self._weights.fetch()
             self.take_weights()
+        # An untrained network repeats one action, so all play is random until the learner is there.
+        epsilon = self._config.epsilon_at(ack.agent_steps)
+        self._policy.epsilon = epsilon if self._has_weights else 1.0
 
     def _lags(self, ack: Ack) -> bool:
         """Whether a broadcast was missed, or the learner came back with older weights.

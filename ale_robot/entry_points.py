@@ -2,7 +2,7 @@
 
 import sys
 from collections.abc import Callable
-from dataclasses import fields, replace
+from dataclasses import replace
 from typing import Any
 
 import gymnasium
@@ -11,9 +11,13 @@ from actors.envs.ale import AtariEnv
 from actors.envs.robot import RobotEnv
 from actors.vision.layout import ASPECT
 from common.errors import InputError
+from common.run.clock import ClockConfig
 from common.run.config import RunConfig
-from common.run.rules import check_config
+from common.run.rules import check_play
 from viewer.terminal.rendering import TerminalRendering
+
+_KINDS: dict[str, type[Any]] = {"clock": ClockConfig, "discount": float | int}  # type: ignore[dict-item]
+"""Types of keyword arguments that are no settings of a run."""
 
 
 class EntryPoint:
@@ -40,12 +44,19 @@ class EntryPoint:
             InputError: ``settings`` have no effect in this environment, or cannot work; or standard
                 output is not a terminal, and render_mode is "human".
         """
-        known = {each.name for each in fields(RunConfig)} & settings.keys()
         usual = RunConfig(env=self._name)
-        for name in known:
-            if (kind := type(getattr(usual, name))) is not type(settings[name]):
+        known = {name: value for name, value in settings.items() if name in vars(usual)}
+        for name, kind in {**{name: type(vars(usual)[name]) for name in known}, **_KINDS}.items():
+            if name in settings and not isinstance(settings[name], kind):
                 raise InputError(f"{name} is {settings[name]!r}: give a {kind.__name__}.")
-        check_config(replace(usual, **{name: settings[name] for name in known}))
+        config = replace(usual, **known)
+        if config.play.frame_stack == 1:  # a run's network needs two, but a wrapper may stack them
+            config = replace(config, play=replace(config.play, frame_stack=2))
+        check_play(config)
+        if "clock" in settings:
+            settings["clock"].check(self._name)
+        if not 0 <= settings.get("discount", 1.0) <= 1:
+            raise InputError(f"discount is {settings['discount']}: choose from 0 to 1.")
         human = render_mode == "human"
         if human and (sys.stdout is None or not sys.stdout.isatty()):
             raise InputError(

@@ -17,10 +17,10 @@ from actors.policy import Policy
 from common.errors import InputError
 from common.run.clock import ClockConfig
 from common.run.conditions import CameraConfig, PlayConfig
-from common.run.config import RunConfig
+from common.run.config import MAX_SEED, RunConfig
 from common.run.fit import check_fit
 from common.run.origin import find_weights, origin_of
-from common.run.rules import check_config
+from common.run.rules import check_play, check_robot
 from learner.evaluation import offline
 from learner.evaluation.options import EPSILON, GAMES, EvaluationOptions
 from viewer.player import settings_of
@@ -35,10 +35,14 @@ class TrainedPolicy:
         seed: seed of the random actions.
 
     Raises:
-        InputError: there is no such network, or it cannot be read.
+        InputError: there is no such network, it cannot be read, or an argument is out of bounds.
     """
 
     def __init__(self, weights: str | Path, *, epsilon: float = 0.0, seed: int = 1) -> None:
+        if not 0 <= epsilon <= 1:
+            raise InputError(f"epsilon is {epsilon}: choose from 0 to 1.")
+        if not 0 <= seed < MAX_SEED:
+            raise InputError(f"seed is {seed}: choose from 0 to {MAX_SEED - 1}.")
         self.weights = find_weights(weights)
         self.config = settings_of(self.weights)
         self._policy = Policy.of_file(self.config, self.weights, epsilon, seed)
@@ -127,6 +131,7 @@ def _changed(
     """Returns ``config`` with those settings that are given."""
     changed = replace(config, play=play or config.play, camera=camera or config.camera)
     if changed != config:
-        check_config(changed)
+        check_play(changed)
+        check_robot(config, changed)
         check_fit(weights, config, changed)
-    return changed
+    return changed.pinned()

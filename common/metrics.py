@@ -217,7 +217,7 @@ declare(
            "Environments of whose newest steps fewer than half saw the screen, saw it change, or "
            "ended with the commanded keys",
            bound=Bound("faulty environments", "=", 0,
-                       "some robots see nothing new, or press no keys", quiet=True,
+                       "some robots see nothing new, or press no keys", stops=False, quiet=True,
                        who="play/faulty_actors")),
     Metric("play/faulty_actors", "none", "text", "Names of up to three actors that have them"),
 

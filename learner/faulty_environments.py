@@ -1,7 +1,7 @@
 """Finds single environments whose robot does not see or touch, among others that do.
 
 The other health checks judge means over all of them, in which one blind robot of many does not
-show, and its steps would be learned from for ever.
+show, and its steps would be learned from for ever. This one names its actor, and ends no run.
 """
 
 from collections import deque

@@ -164,7 +164,8 @@ class Learner:
     def restore(self, state: dict[str, Any]) -> None:
         """Continues from the counters of a checkpoint, whose algorithm is already restored. Raises
         InputError if it counts the steps of another replay."""
-        if state.get("replay", self.replay.run_id) != self.replay.run_id:  # older ones lack it
+        replay = self._identity_of_the_replay
+        if state.get("replay", replay) != replay:  # older ones lack it
             raise InputError(
                 f"the replay is of another run than the checkpoint: {self._instead_of_the_replay}."
             )
@@ -210,7 +211,7 @@ class Learner:
         self.checkpoint.save(
             {
                 **self.phases.state(),
-                "replay": self.replay.run_id,
+                "replay": self._identity_of_the_replay,
                 "rows": len(self.telemetry.rows),
                 "seconds": self.clock.seconds(),
                 "tests": self.evaluation.state(),
@@ -268,6 +269,12 @@ class Learner:
                 f"{self._instead_of_the_replay}."
             )
         return told
+
+    @property
+    def _identity_of_the_replay(self) -> str:
+        """That of its ring alone: the run's settings, of which its id has a hash, may have new
+        fields after an update of the software."""
+        return self.replay.run_id.partition("-")[0]
 
     @property
     def _instead_of_the_replay(self) -> str:

@@ -27,7 +27,7 @@ from common.run.conditions import PlayConfig
 from common.run.hands import keys_can_follow
 from viewer.panels import Panels
 from viewer.picture import check_picture, write_picture
-from viewer.player import File, Played, ShownPolicy, shown_env
+from viewer.player import File, Played, ShownPolicy, seeds_of, shown_env
 
 AGENT_STEPS = 200
 MAX_CORNER_ERROR = 1.5
@@ -66,10 +66,11 @@ class Check(Played):
             shown_env(config) as env,
             closing(Panels(env, self.nao_urdf)) as panels,
         ):
-            policy = ShownPolicy.of_file(config, None, 1.0, config.seed)
+            policy_seed, env_seed = seeds_of(config)
+            policy = ShownPolicy.of_file(config, None, 1.0, policy_seed)
             figures = []
             with Progress("checking", AGENT_STEPS) as progress:
-                for step in play([env], policy, [config.seed]):
+                for step in play([env], policy, [env_seed]):
                     figures.append(_figures(step, env))
                     progress.update(len(figures), note=f"{len(figures)} steps")
                     if len(figures) == AGENT_STEPS or stop.is_set():
@@ -85,7 +86,7 @@ class Check(Played):
             console.print(_checks_table(judged, title))
             if isinstance(env, RobotEnv) and (found := _changes(env, config.seed, stop)):
                 console.print(_latency_table(found))
-                if not keys_can_follow(config.play):
+                if config.play.hand == "model" or not keys_can_follow(config.play):
                     console.print(
                         "These are the robot's own hands; what delays commands or reads the keys "
                         "another way is not in it."

@@ -21,7 +21,6 @@ from common.errors import InputError
 from common.run.conditions import Conditions
 from common.run.config import RunConfig
 from common.run.ranges import RandomiseConfig, all_ranges
-from common.run.rules import check_config
 from viewer import overlay
 from viewer.picture import check_picture, write_picture
 from viewer.player import Played, shown_env
@@ -44,31 +43,28 @@ class Draws(Played):
     given here.
     """
 
-    randomise: RandomiseConfig = field(default_factory=lambda: all_ranges("robot"))
+    randomise: RandomiseConfig = field(default_factory=RandomiseConfig)
     count: FromOne = 12
     """Number of games."""
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"], metavar="FILE.png")] = Path("draws.png")
     """File of the picture."""
 
+    @classmethod
+    def usual(cls, config: RunConfig) -> RunConfig:
+        return replace(config, randomise=all_ranges(config.env))
+
     def check(self) -> None:
-        check_config(self._drawn())
+        self.config()
         check_picture(self.output)
 
     def run(self, stop: threading.Event) -> None:
         """Writes the picture. Raises InputError if the command was stopped before any game."""
-        usual, drawn = self.config(), self._drawn()
-        tiles = [*games(usual, 1, stop), *games(drawn, self.count - 1, stop)]
+        drawn = self.config()
+        tiles = [*games(drawn.for_play, 1, stop), *games(drawn, self.count - 1, stop)]
         if not tiles:
             raise InputError("the command was stopped before any game: run it again.")
         write_picture(self.output, sheet(tiles))
         print(f"wrote {self.output}")
-
-    def _drawn(self) -> RunConfig:
-        usual, published = self.config(), vars(all_ranges("robot"))
-        given = {
-            name: value for name, value in vars(self.randomise).items() if value != published[name]
-        }
-        return replace(usual, randomise=replace(all_ranges(usual.env), **given))
 
 
 def games(config: RunConfig, count: int, stop: threading.Event) -> list[NDArray[np.uint8]]:

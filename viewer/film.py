@@ -23,7 +23,7 @@ from common.run.origin import find_weights, shown_weights
 from viewer import overlay
 from viewer.movie import check_movie, open_movie
 from viewer.panels import Panels
-from viewer.player import File, Played, ShownPolicy, shown_env
+from viewer.player import File, Played, ShownPolicy, seeds_of, shown_env
 from viewer.show import Play
 
 _CHAPTER = 8.0
@@ -112,6 +112,7 @@ class Film(Played):
         chapters = chapters_of(folder)
         video = self._video_of(folder)
         config = self.config()
+        policy_seed, env_seed = seeds_of(config)
         if changes := self.changes():
             print(f"other than trained: {changes}")
         with (
@@ -124,8 +125,8 @@ class Film(Played):
             played = (
                 (title, step, policy.values)
                 for title, weights in chapters
-                for policy in [ShownPolicy.of_file(config, weights, self.epsilon, config.seed)]
-                for step in islice(play([env], policy, [config.seed]), steps)
+                for policy in [ShownPolicy.of_file(config, weights, self.epsilon, policy_seed)]
+                for step in islice(play([env], policy, [env_seed]), steps)
             )
             for done, (title, step, values) in enumerate(played, start=1):
                 passed = done / steps

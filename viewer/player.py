@@ -27,7 +27,7 @@ from common.run.fit import check_fit
 from common.run.origin import origin_of
 from common.run.own_settings import defaults_of
 from common.run.presets import PRESETS
-from common.run.rules import check_config, check_robot
+from common.run.rules import check_play, check_robot
 from common.run.stored_config import differences, flat
 
 File = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
@@ -51,6 +51,12 @@ def settings_of(network: Path | None, env: str = RunConfig.env) -> RunConfig:
     return replace(config, play=replace(config.play, minimal_actions=False))
 
 
+def seeds_of(config: RunConfig) -> tuple[int, int]:
+    """Returns the seeds of the policy and of the environment, whose random numbers must differ."""
+    policy, env = map(int, np.random.SeedSequence(config.seed).generate_state(2))
+    return policy, env
+
+
 @dataclass(frozen=True)
 class Played:
     """The flags that all commands share: the game and its conditions, and who plays it."""
@@ -69,6 +75,12 @@ class Played:
         """The network that plays; None for random actions or a person."""
         return None
 
+    @classmethod
+    def usual(cls, config: RunConfig) -> RunConfig:
+        """Returns the defaults of this command's flags, for a network whose settings are
+        ``config``."""
+        return config
+
     def check(self) -> None:
         """Refuses flags that cannot work, before PyTorch is loaded, which takes seconds. Raises
         InputError that names the flag."""
@@ -79,13 +91,13 @@ class Played:
         Raises InputError if the flags cannot work, or if the network does not fit them.
         """
         usual = settings_of(self.network, self.env)
-        given = {name: getattr(self, name) for name in _SHARED}
+        given = {name: getattr(self, name) for name in _settings_of(type(self))}
         config = replace(usual, **given)
-        check_config(config)
+        check_play(config)
         check_robot(usual, config)
         if self.network is not None:
             check_fit(self.network, origin_of(self.network), config)
-        return config
+        return config.pinned()
 
     def changes(self) -> str:
         """Returns in which settings the network plays otherwise than it was trained, as words for
@@ -96,16 +108,19 @@ class Played:
         return ", ".join(differences(usual, self.config()))
 
 
-_SHARED = tuple(each.name for each in fields(Played))
-"""Fields of a `RunConfig` that all commands have flags for."""
 _HELP = ("-h", "--help")
 P = TypeVar("P", bound=Played)
+
+
+def _settings_of(kind: type[Played]) -> list[str]:
+    """Returns the fields of a `RunConfig` that a command has flags for."""
+    return [each.name for each in fields(kind) if each.name in vars(RunConfig())]
 
 
 def parse_played(kind: type[P], program: str, arguments: Sequence[str]) -> P:
     """Parses as `common.process.command_line.parse` does. What no flag gives is as in the run of
     the network, or else as in the preset of the environment; ``--help`` shows these values."""
-    arguments = with_file(arguments, _SHARED)
+    arguments = with_file(arguments, _settings_of(kind))
     known, _ = read_first(arguments, {"env": ["--env"]})
     usual = settings_of(None, known.get("env", RunConfig.env))
     flags = [argument for argument in arguments if argument not in _HELP]
@@ -121,10 +136,10 @@ def parse_played(kind: type[P], program: str, arguments: Sequence[str]) -> P:
     return _parse(kind, program, going_on_from(flat(trained), arguments), trained)
 
 
-def _parse(kind: type[P], program: str, arguments: Sequence[str], usual: RunConfig) -> P:
-    usually = defaults_of(kind)
+def _parse(kind: type[P], program: str, arguments: Sequence[str], config: RunConfig) -> P:
+    usually, usual = defaults_of(kind), kind.usual(config)
     needed = {each.name: tyro.MISSING for each in fields(kind) if each.name not in usually}
-    defaults = {name: getattr(usual, name) for name in _SHARED}
+    defaults = {name: getattr(usual, name) for name in _settings_of(kind)}
     return parse(kind, program, arguments, own_help(arguments), **needed, **defaults)
 
 

@@ -6,7 +6,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
 import tyro
 
 from actors.envs import make_env
@@ -19,7 +18,7 @@ from common.process.command_line import WeightsFile
 from common.process.extras import check_extra
 from common.process.progress import Progress
 from common.run.clock import ClockConfig
-from viewer.player import Played
+from viewer.player import Played, seeds_of
 from viewer.recorder import Recorder, check_new_folder
 
 
@@ -60,7 +59,7 @@ class Record(Played):
         config = self.config()
         if changes := self.changes():
             print(f"other than trained: {changes}")
-        policy_seed, env_seed = map(int, np.random.SeedSequence(config.seed).generate_state(2))
+        policy_seed, env_seed = seeds_of(config)
         policy = Policy.of_file(config, self.weights, self.epsilon, policy_seed)
         minute = 60 * config.play.steps_per_second
         total = self.minutes * minute or self.games or 1

@@ -20,7 +20,7 @@ from common.process.progress import Progress
 from common.run.clock import ClockConfig
 from viewer.movie import check_movie, open_movie
 from viewer.panels import Panels
-from viewer.player import File, Network, Played, ShownPolicy, shown_env
+from viewer.player import File, Network, Played, ShownPolicy, seeds_of, shown_env
 from viewer.rerun_stream import RerunStream
 from viewer.terminal.rendering import ROOM_EVERY
 
@@ -71,7 +71,7 @@ class Play(Played):
         config = self.config()
         if changes := self.changes():
             print(f"other than trained: {changes}")
-        policy_seed, env_seed = map(int, np.random.SeedSequence(config.seed).generate_state(2))
+        policy_seed, env_seed = seeds_of(config)
         policy = ShownPolicy.of_file(config, self.weights, self.epsilon, policy_seed)
         with (
             shown_env(config, self.clock) as env,

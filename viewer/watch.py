@@ -29,7 +29,7 @@ from common.run.config import RunConfig
 from common.run.origin import name_of, shown_weights
 from viewer import overlay
 from viewer.human import keys_text
-from viewer.player import Network, Played, ShownPolicy, shown_env
+from viewer.player import Network, Played, ShownPolicy, seeds_of, shown_env
 from viewer.terminal.graphics import QUESTIONS, Graphics, GraphicsAnswers
 from viewer.terminal.half_blocks import HalfBlocks
 from viewer.terminal.held_keys import HeldKeys
@@ -83,7 +83,8 @@ class Watch(Played):
         """Plays until there are enough games, or the person leaves. Raises InputError if there is
         no terminal, or it is too small, or the network cannot be used."""
         config = self.config()
-        policy = ShownPolicy.of_file(config, self.network, self.epsilon, config.seed)
+        policy_seed, env_seed = seeds_of(config)
+        policy = ShownPolicy.of_file(config, self.network, self.epsilon, policy_seed)
         terminal = Terminal(LEAST_SIZE)
         keys, scores = HeldKeys(), list[float]()
         with shown_env(config) as env, terminal:
@@ -91,7 +92,7 @@ class Watch(Played):
             answers = GraphicsAnswers()
             terminal.write(QUESTIONS)
             period, due = 1 / env.rate, time.monotonic()
-            for step in play([env], policy, [config.seed]):
+            for step in play([env], policy, [env_seed]):
                 terminal.write(screen.draw(terminal.size, step, policy.values, scores))
                 # The pictures after a late one keep the usual pace.
                 due = max(due + period * step.info.elapsed, time.monotonic())

@@ -25,6 +25,15 @@ _HEAD_BYTES = 65_536
 def check_config(config: RunConfig) -> None:
     """Checks each setting by the bounds beside its field, and then all of them together. Raises
     InputError with the setting at fault and what to choose."""
+    check_play(config)
+    _check_learning_rate(config)
+    _check_messages(config)
+    _check_replay(config)
+
+
+def check_play(config: RunConfig) -> None:
+    """Checks as `check_config` does, but for the rules of learning, messages and replay, which do
+    not concern who only plays."""
     from_mapping(RunConfig, asdict(config), "")
     for entry, name, text in config.own_settings():
         check_own_settings(entry, text, name)
@@ -33,9 +42,6 @@ def check_config(config: RunConfig) -> None:
     check_ignored(config)
     check_ranges(config.play, config.camera, config.randomise)
     _check_hands(config)
-    _check_learning_rate(config)
-    _check_messages(config)
-    _check_replay(config)
 
 
 def check_robot(before: RunConfig, config: RunConfig) -> None:

@@ -90,8 +90,10 @@ class EvaluationCoordinator:
         self._over = False
         self.reports = 0
         """Number of reports that were taken so far."""
-        self._present_at = -math.inf
-        """Time at which there was an evaluator."""
+        self._present_at = self.now()
+        """Time at which there was an evaluator, or this began: they need time to come back."""
+        self._missed = False
+        """Whether people wait for tests, and have not been told that there is no evaluator."""
         self._backlog = MAX_WAITING
         """Number of waiting tests above which people are told; it doubles, because epochs may take
         a second each."""
@@ -123,9 +125,10 @@ class EvaluationCoordinator:
             for epoch in given_up:
                 del self._tests[epoch]
                 self._unneeded.add(epoch)
-        if given_up and math.isfinite(self._present_at):  # else a run that wants no tests
+        if given_up and self._missed:  # else a run that wants no tests
+            self._missed = False
             _log.warning(
-                "epochs up to %d stay untested, because all evaluators have left: start one with "
+                "epochs up to %d stay untested, because there is no evaluator: start one with "
                 "ale-robot join --evaluator",
                 given_up[-1],
             )
@@ -245,6 +248,7 @@ class EvaluationCoordinator:
                 continue
             with self._lock:
                 self._tests[test.epoch] = test
+                self._missed = True
         with self._lock:
             self._unneeded |= self.snapshots.epochs() - self._tests.keys()
         return untested
@@ -312,7 +316,7 @@ class EvaluationCoordinator:
 
     def _who_is_present(self) -> set[str]:
         if present := self.evaluators():
-            self._present_at = self.now()
+            self._present_at, self._missed = self.now(), True
         return present
 
     def _drop(self, epoch: int) -> None:

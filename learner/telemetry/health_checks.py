@@ -11,6 +11,8 @@ A check that keeps failing ends the run (`learner.health_guard`). These only war
   where a first reward takes long to find.
 - *press p99 ms*: an agent can learn with hands that are somewhat too slow, if it is told where they
   are. Hands that press too late, or never, fail *keys as commanded*.
+- *faulty environments*: in drawn worlds a healthy robot may see nothing new for a whole game, and
+  of many robots there is always one. Nor may one actor end the run of all others.
 - *refused chunks* and *excess chunks*: sums over the whole run, which one mistake fails for ever.
 """
 

@@ -165,6 +165,7 @@ def test_a_wish_to_stop_in_the_middle_of_a_chunk_loses_no_step(stage: Stage) -> 
 
 def test_epsilon_follows_the_runs_steps(stage: Stage) -> None:
     half_way = CONFIG.replay.learning_starts + CONFIG.exploration.steps // 2
+    stage.serve_weights(0, encode_weights(QNetwork(6)))
     stage.replay.ack = replace(STORED, agent_steps=half_way)
     stage.replay.limit = 1
     stage.start(NumberedEnv([GOES_ON]))

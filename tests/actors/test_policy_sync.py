@@ -2,6 +2,8 @@
 
 import shutil
 import threading
+from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,16 +12,43 @@ from actors.member import Member
 from actors.policy import Policy
 from actors.policy_sync import PolicySync
 from common.network import QNetwork
+from common.protocol.ack import Ack
 from common.protocol.run_keys import RunKeys
 from common.protocol.weights import encode_weights
 from common.protocol.wire import encode_version
 from common.run.presets import PRESETS
 from common.transport.credentials import Credentials
-from common.transport.interface import Transport
+from common.transport.interface import Envelope, Transport
 from common.transport.signature import Sign, checker, signer, unsigned
 from tests.patience import wait_until
 
 KEYS = RunKeys("r", "id")
+
+
+def test_without_weights_all_play_is_random(hub: Transport, client: Transport) -> None:
+    """As where actors join a replay before its learner, which begins with a network of its own."""
+    exploration = replace(PRESETS["fast"].exploration, start=0.05)
+    config = replace(PRESETS["fast"], exploration=exploration)
+    policy = Policy(QNetwork(6), 6, np.random.default_rng(0))
+    member = Member(
+        *("a", client, KEYS, config, 0.0, threading.Event(), 1),
+        check_weights=lambda *_: None,
+        tell=lambda _: None,
+    )
+    sync = PolicySync(member, policy)
+    ack = Ack("stored", False, False, 0, 1.0, 3)
+    sync.follow(ack)
+    assert policy.epsilon == 1.0
+    weights = encode_weights(QNetwork(6))
+    answer = Envelope(weights, encode_version(3, "id", b""))
+    with closing(hub.serve(KEYS.latest_weights, lambda _: answer)):
+
+        def follows() -> bool:
+            sync.follow(ack)
+            return policy.weights_version == 3
+
+        wait_until(follows, "the weights are fetched")
+    assert policy.epsilon == 0.05
 
 
 def test_a_hub_that_was_taken_over_cannot_forge_weights(

@@ -13,6 +13,7 @@ import pytest
 import ale_robot
 from common.errors import InputError
 from common.games import GAMES
+from common.run.clock import ClockConfig
 from common.run.conditions import CameraConfig, PlayConfig
 from common.run.ranges import RandomiseConfig
 from tests.paths import ROOT
@@ -81,6 +82,10 @@ def test_a_policy_plays_and_is_evaluated_under_other_conditions() -> None:
         ),
         ("Pong", {"play": PlayConfig(eye="nose")}, r"play\.eye is 'nose'"),  # type: ignore[arg-type]
         ("Pong", {"camera": {"noise": 5}}, r"^camera is \{'noise': 5\}: give a CameraConfig\."),
+        ("Pong", {"clock": ClockConfig(sync=False, speed=0.0)}, r"^--speed is 0\.0: choose"),
+        ("Pong", {"clock": None}, r"^clock is None: give a ClockConfig\."),
+        ("Pong-Emulator", {"clock": ClockConfig(sync=False)}, "--no-sync is for a robot"),
+        ("Pong", {"discount": 7.0}, r"^discount is 7\.0: choose from 0 to 1\."),
         ("Pong-Emulator", {"play": PlayConfig(frame_stack=0)}, r"play\.frame_stack is 0: choose"),
         (
             "Pong-Emulator",
@@ -100,6 +105,23 @@ def test_settings_without_effect_are_told_to_gymnasium_too(
 ) -> None:
     with pytest.raises(InputError, match=told):
         gymnasium.make(f"ale_robot:ALERobot/{name}-v0", **settings)
+
+
+def test_who_only_plays_may_stack_more_frames_than_a_runs_messages_hold() -> None:
+    env = gymnasium.make("ale_robot:ALERobot/Pong-Emulator-v0", play=PlayConfig(frame_stack=16))
+    assert env.reset(seed=1)[0].shape == (16, 84, 84)
+
+
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        ({"epsilon": 3.0}, r"^epsilon is 3\.0: choose from 0 to 1\."),
+        ({"seed": -1}, r"^seed is -1: choose from 0 to "),
+    ],
+)
+def test_arguments_out_of_bounds_are_told(given: dict[str, Any], told: str) -> None:
+    with pytest.raises(InputError, match=told):
+        ale_robot.load_policy("ale_pong", **given)
 
 
 def test_what_is_no_policy_is_told(tmp_path: Path) -> None:

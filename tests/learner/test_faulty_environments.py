@@ -45,7 +45,7 @@ def played(
 
 
 @pytest.mark.parametrize("share", ["valid", "follows", "matched"])
-def test_one_faulty_robot_of_eight_ends_up_in_a_check_that_stops_the_run(share: str) -> None:
+def test_one_faulty_robot_of_eight_is_named_by_a_check_that_ends_no_run(share: str) -> None:
     config = PRESETS["robot"]
     phases = Phases(config, RunClock(lambda: 0.0))
     names = [f"actor-{number}" for number in range(8)]
@@ -56,7 +56,7 @@ def test_one_faulty_robot_of_eight_ends_up_in_a_check_that_stops_the_run(share: 
     assert checks["keys as commanded"].passed
     assert "following frames" not in checks
     found = checks["faulty environments"]
-    assert (found.value, found.passed, found.stops) == (1.0, False, True)
+    assert (found.value, found.passed, found.stops) == (1.0, False, False)
     assert found.why.endswith(": actor-3")
 
 

@@ -1,6 +1,7 @@
 """The sheet of games under drawn conditions."""
 
 import threading
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -8,27 +9,36 @@ import numpy as np
 import pytest
 
 from common.errors import InputError
-from common.process.command_line import parse
 from common.registry import ENVIRONMENTS
 from common.run.conditions import PERFECT_CAMERA, CameraConfig, Conditions, PlayConfig
+from common.run.presets import PRESETS
 from common.run.ranges import RandomiseConfig, all_ranges
+from common.run.stored_config import to_json
 from tests.extending.test_environment import LAMPS
 from tests.extending.whole_run import added
-from viewer.__main__ import COMMANDS
+from tests.viewer.commands import parsed
 from viewer.draws import Draws, sheet, told
 
 
 def test_all_ranges_are_drawn_but_for_what_is_given() -> None:
-    found = parse(COMMANDS["draws"], "viewer", ["--randomise.noise", "0", "--count", "3"])
-    assert isinstance(found, Draws)
+    found = parsed(Draws, "--randomise.noise", 0, "--count", 3)
     assert found.count == 3
     assert found.randomise.noise == 0
     assert found.randomise.gamma == all_ranges("robot").gamma
 
 
 def test_one_range_may_be_given_without_a_robot_which_has_others(tmp_path: Path) -> None:
-    flags = ["--env", "ale", "--randomise.gamma", "1.2", "-o", str(tmp_path / "d.png")]
-    parse(COMMANDS["draws"], "viewer", flags).check()
+    flags = ("--env", "ale", "--randomise.gamma", 1.2, "-o", tmp_path / "d.png")
+    command = parsed(Draws, *flags)
+    command.check()
+    assert command.randomise == replace(all_ranges("ale"), gamma=1.2)
+
+
+def test_the_ranges_of_a_run_are_drawn(tmp_path: Path) -> None:
+    file = tmp_path / "config.json"
+    file.write_text(to_json(replace(PRESETS["robot"], randomise=RandomiseConfig(latency=3))))
+    command = parsed(Draws, "--config", file, "--randomise.noise", 2)
+    assert command.config().randomise == RandomiseConfig(latency=3, noise=2.0)
 
 
 @pytest.mark.parametrize(("env", "tall"), [("robot", 436), ("ale", 436)])
@@ -36,7 +46,7 @@ def test_the_first_game_is_the_usual_one_and_the_others_differ(
     env: str, tall: int, tmp_path: Path
 ) -> None:
     file = tmp_path / "made" / "draws.png"
-    Draws(env=env, count=3, output=file).run(threading.Event())
+    parsed(Draws, "--env", env, "--count", 3, "-o", file).run(threading.Event())
     page = cv2.imread(str(file))
     assert page is not None
     assert page.shape == (tall, 3 * 480, 3)
@@ -46,17 +56,18 @@ def test_the_first_game_is_the_usual_one_and_the_others_differ(
 
 
 def test_what_cannot_be_drawn_or_written_is_refused_before_the_games(tmp_path: Path) -> None:
-    turned = Draws(env="ale", randomise=RandomiseConfig(head_pose=3.0), output=tmp_path / "d.png")
+    flags = ("--env", "ale", "--randomise.head-pose", 3, "-o", tmp_path / "d.png")
+    turned = parsed(Draws, *flags)
     with pytest.raises(InputError, match=r"^randomise.head_pose is 3.0, which means nothing"):
         turned.check()
     with pytest.raises(InputError, match=r"d\.txt does not name a picture"):
-        Draws(output=tmp_path / "d.txt").check()
+        parsed(Draws, "-o", tmp_path / "d.txt").check()
 
 
 def test_an_environment_from_outside_is_drawn_without_conditions(tmp_path: Path) -> None:
     file = tmp_path / "d.png"
     with added(ENVIRONMENTS, LAMPS):
-        Draws(env="lamps", count=3, output=file).run(threading.Event())
+        parsed(Draws, "--env", "lamps", "--count", 3, "-o", file).run(threading.Event())
     page = cv2.imread(str(file))
     assert page is not None
     assert page.shape == (368, 3 * 480, 3)

@@ -21,6 +21,7 @@ from actors.robots.nao.assembly import write_nao
 from actors.vision.screen_detector import ScreenDetector
 from common.errors import InputError
 from common.network import build_network
+from common.pinned_file import pin
 from common.process.command_line import parse
 from common.process.exit_codes import INTERRUPTED
 from common.process.log_lines import LOADING
@@ -237,13 +238,19 @@ def test_a_robots_own_settings_go_over_those_of_the_run(tmp_path: Path) -> None:
             parsed(Play, weights, own, "depth=x").config()
 
 
-def test_a_latency_model_named_again_keeps_its_rate(tmp_path: Path) -> None:
+def test_a_latency_model_named_again_keeps_its_rate(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name in ("m.npz", "other.npz"):
+        Path(name).write_bytes(name.encode())
     hashed = f"m.npz#sha256={'0' * 64}"
     play = replace(PRESETS["robot"].play, robot=hashed, robot_settings="rate=60")
     weights = in_run(tmp_path, replace(PRESETS["robot"], play=play), 6)
     for robot, settings in (("m.npz", "rate=60"), ("other.npz", "")):
         found = parsed(Play, weights, "--robot", robot).config().play
         assert found.robot_settings == settings
+        assert found.robot == pin(robot)  # a recording tells which file it was
 
 
 def test_what_is_played_comes_from_the_run_of_the_weights(tmp_path: Path) -> None:
@@ -263,8 +270,10 @@ def test_what_is_played_comes_from_the_run_of_the_weights(tmp_path: Path) -> Non
     assert parsed(Play, weights, "--seed", "0").config().seed == 0
     with pytest.raises(InputError, match="trained with 4 actions, and here it would have 18"):
         parsed(Play, weights, "--game", "pitfall").config()
-    model = parsed(Play, weights, "--robot", "a.npz").config()
-    assert model.play == replace(ran.play, robot="a.npz")
+    model = tmp_path / "a.npz"
+    model.write_bytes(b"")
+    followed = parsed(Play, weights, "--robot", model).config()
+    assert followed.play == replace(ran.play, robot=pin(str(model)))
     with pytest.raises(InputError, match="there is no robot 'atlas'"):
         parsed(Play, "--robot", "atlas").config()
     with pytest.raises(InputError, match=r"^--robot robotroller is for a robot, and --env ale has"):

@@ -316,15 +316,36 @@ def test_an_evaluator_that_is_away_for_a_moment_costs_no_test(
     # The first test has begun, and so it is played to its end by the next evaluator.
     assert sorted(test["epoch"] for test in coordinator.state()) == [1, 7, 8, 9, 10]
     (told,) = caplog.messages
-    assert told.startswith("epochs up to 6 stay untested, because all evaluators have left")
+    assert told.startswith("epochs up to 6 stay untested, because there is no evaluator: ")
     tests.present = {"f"}
     assert (tests.ask("f").epoch, tests.ask("g").epoch) == (1, 7)
+
+
+def test_after_a_restart_evaluators_have_time_to_come_back(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    before = Place(tmp_path, "e")
+    for epoch in range(1, 9):
+        before.coordinator.add(epoch_test(epoch), b"w")
+    again = Place(tmp_path)
+    assert again.coordinator.restore(before.coordinator.state()) == []
+    caplog.clear()
+    again.now += 3.0
+    again.coordinator.add(epoch_test(9), b"w")
+    assert (again.coordinator.pending, caplog.messages) == (9, [])
+    again.now += ABSENCE
+    for epoch in (10, 11):
+        again.coordinator.add(epoch_test(epoch), b"w")
+    assert sorted(test["epoch"] for test in again.coordinator.state()) == [8, 9, 10, 11]
+    (told,) = caplog.messages  # once for the whole absence
+    assert told.startswith("epochs up to 6 stay untested, because there is no evaluator: start")
 
 
 def test_where_no_evaluator_ever_was_tests_are_given_up_in_silence(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     tests = Place(tmp_path)
+    tests.now += ABSENCE + 1.0
     for epoch in range(1, 9):
         tests.coordinator.add(epoch_test(epoch), b"w")
     assert sorted(test["epoch"] for test in tests.coordinator.state()) == [5, 6, 7, 8]
