@@ -167,7 +167,8 @@ class Learner:
         replay = self._identity_of_the_replay
         if state.get("replay", replay) != replay:  # older ones lack it
             raise InputError(
-                f"the replay is of another run than the checkpoint: {self._instead_of_the_replay}."
+                "the replay is not the one whose steps the checkpoint counts: "
+                f"{self._instead_of_the_replay}."
             )
         self.clock.restore(float(state["seconds"]))
         self.phases.restore(state)

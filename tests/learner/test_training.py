@@ -985,7 +985,7 @@ def test_a_checkpoint_does_not_go_on_with_the_replay_of_another_run() -> None:
     updated = World().learner()  # whose settings have a field more
     updated.replay.run_id = "id-0123456789abcdef"
     updated.restore(state)
-    with pytest.raises(InputError, match=r"^the replay is of another run than the checkpoint: put"):
+    with pytest.raises(InputError, match=r"^the replay is not the one whose .* counts: put"):
         World().learner().restore(state | {"replay": "another"})
     former = {key: value for key, value in state.items() if key != "replay"}
     World().learner().restore(former)  # a version that did not store it
