@@ -73,6 +73,11 @@ def _check_hands(config: RunConfig) -> None:
             f"play.robot is {path_of(play.robot)}, which models the hands by itself: leave "
             "play.hand at 'arm' and play.press_latency at 0."
         )
+    if play.equal_gap and not play.equal_latency:
+        raise InputError(
+            f"play.equal_gap is {play.equal_gap}, which means nothing without play.equal_latency: "
+            "give that too, or leave it at 0."
+        )
 
 
 def _check_learning_rate(config: RunConfig) -> None:

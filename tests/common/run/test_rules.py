@@ -129,6 +129,13 @@ def test_hands_are_modelled_once(env: str, field: str, value: Any) -> None:
         check_config(changed(field, value, modelled))
 
 
+def test_a_gap_is_that_of_equal_hands() -> None:
+    gap = changed("play.equal_gap", 4)
+    check_config(changed("play.equal_latency", 16, gap))
+    with pytest.raises(InputError, match=r"^play.equal_gap is 4, which means nothing without play"):
+        check_config(gap)
+
+
 @pytest.mark.parametrize(
     ("group", "name", "value", "usual"),
     [
