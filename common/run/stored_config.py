@@ -104,6 +104,9 @@ def _with_present_fields(data: Any, where: str) -> Any:
             fields = named.setdefault(group, {})
             if isinstance(fields, dict) and new not in fields:
                 fields[new] = before.pop(old)
+    play = named.get("play")
+    if isinstance(play, dict) and (rate := play.pop("model_rate", None)) not in (None, 30):
+        play.setdefault("robot_settings", f"rate={rate}")  # the latency model declares it now
     for gone, usual in REMOVED.items():
         group, name = gone.split(".")
         fields = named.get(group)

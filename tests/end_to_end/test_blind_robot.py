@@ -26,7 +26,8 @@ def test_a_blind_robot_stops_and_goes_on_only_by_force(stage: Stage) -> None:
         "health check 'valid frames' has been red for 0.1 minutes and 320 steps: it is 0, " in last
     )
     assert "the screen is not found in the camera's picture" in last
-    assert last.endswith(f"--run r --threads=1 {shlex.join(given)} --resume --force")
+    command = f"--run r --threads=1 {shlex.join(given)} --resume --force"
+    assert output.rstrip().endswith(command)
     assert not stage.strays()
     stopped = stage.summary()
     assert stopped["agent_steps"] >= 100 + 320

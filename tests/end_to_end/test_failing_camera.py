@@ -83,7 +83,9 @@ def test_a_camera_that_fails_ends_the_run(stage: Stage, env: Environment, check:
 def test_one_camera_of_two_that_fails_is_told(stage: Stage) -> None:
     """Half of all frames follow, which is within the bound of their mean."""
     output = _learner(stage, SOMETIMES, "--envs=2", "--steps=3000").ends()
-    told = "HEALTH CHECK RED: faulty environments is 1, not = 0: some robots see nothing new, or "
+    told = (
+        "HEALTH CHECK RED: faulty environments is 1.000, not = 0: some robots see nothing new, or "
+    )
     assert f"{told}press no keys: actor-1" in output.replace("\n", " ")
     assert "following frames" not in output
 

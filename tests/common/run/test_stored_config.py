@@ -12,6 +12,7 @@ from common.checked import MAX_COUNT
 from common.errors import InputError
 from common.run.conditions import FRAMES_PER_SECOND, MAX_STARTS, CameraConfig, PlayConfig
 from common.run.config import MAX_WINDOW, LearningConfig, RunConfig, StreamConfig
+from common.run.origin import SHIPPED, origin_of
 from common.run.presets import PRESETS
 from common.run.ranges import RandomiseConfig
 from common.run.rules import check_config
@@ -93,6 +94,20 @@ def test_a_file_may_have_the_former_names_of_fields() -> None:
     with pytest.raises(InputError, match="missing or unknown field"):
         from_mapping(RunConfig, data)
     assert from_mapping(RunConfig, data, fill=True) == GOOD
+
+
+def test_a_latency_models_rate_is_found_where_it_is_declared_now() -> None:
+    for rate, settings in ((30, ""), (60, "rate=60")):
+        stored = json.loads(to_json(PRESETS["robot"]))
+        del stored["play"]["robot_settings"]
+        stored["play"]["model_rate"] = rate
+        assert from_mapping(RunConfig, stored, fill=True).play.robot_settings == settings
+
+
+def test_every_published_policy_can_be_read_by_this_version() -> None:
+    found = [origin_of(file) for file in sorted(SHIPPED.glob("*.safetensors"))]
+    assert len(found) >= 15
+    assert None not in found
 
 
 def test_a_file_may_have_fields_that_are_gone_where_they_did_nothing() -> None:
