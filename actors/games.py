@@ -20,7 +20,6 @@ from pathlib import Path
 from typing import Any
 
 import cv2
-import numpy as np
 import torch
 import tyro
 
@@ -28,7 +27,7 @@ from actors.counters import ActorCounters
 from actors.envs import make_env
 from actors.envs.clock import FRAME
 from actors.game_recorder import GameRecorder
-from actors.loop import play
+from actors.loop import play, seeds_of
 from actors.policy import Policy
 from common.errors import InputError
 from common.process.command_line import parse
@@ -70,7 +69,7 @@ def games(
     InputError if ``stop`` is set before."""
     with closing(make_env(config, options.clock, training=False)) as inner:
         env = GameRecorder(inner, options.ending)
-        policy_seed, env_seed = map(int, np.random.SeedSequence(options.seed).generate_state(2))
+        policy_seed, env_seed = seeds_of(options.seed)
         policy = Policy.of_file(config, options.weights, options.epsilon, policy_seed)
         ended, counters = 0, ActorCounters()
         for steps, step in enumerate(play([env], policy, [env_seed]), start=1):

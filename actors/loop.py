@@ -60,6 +60,12 @@ class Player(Protocol):
         """
 
 
+def seeds_of(seed: int) -> tuple[int, int]:
+    """Returns the seeds of a player and of its environment, whose random numbers must differ."""
+    player, env = map(int, np.random.SeedSequence(seed).generate_state(2))
+    return player, env
+
+
 def play(
     envs: Sequence[gymnasium.Env[Any, Any]],
     policy: Player,

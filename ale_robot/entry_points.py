@@ -16,9 +16,6 @@ from common.run.config import RunConfig
 from common.run.rules import check_play
 from viewer.terminal.rendering import TerminalRendering
 
-_KINDS: dict[str, type[Any]] = {"clock": ClockConfig, "discount": float | int}  # type: ignore[dict-item]
-"""Types of keyword arguments that are no settings of a run."""
-
 
 class EntryPoint:
     """Makes the environment ``name``, and draws it into the terminal for render_mode "human"."""
@@ -46,7 +43,8 @@ class EntryPoint:
         """
         usual = RunConfig(env=self._name)
         known = {name: value for name, value in settings.items() if name in vars(usual)}
-        for name, kind in {**{name: type(vars(usual)[name]) for name in known}, **_KINDS}.items():
+        kinds = {**{name: type(vars(usual)[name]) for name in known}, "clock": ClockConfig}
+        for name, kind in kinds.items():
             if name in settings and not isinstance(settings[name], kind):
                 raise InputError(f"{name} is {settings[name]!r}: give a {kind.__name__}.")
         config = replace(usual, **known)
@@ -55,8 +53,9 @@ class EntryPoint:
         check_play(config)
         if "clock" in settings:
             settings["clock"].check(self._name)
-        if not 0 <= settings.get("discount", 1.0) <= 1:
-            raise InputError(f"discount is {settings['discount']}: choose from 0 to 1.")
+        discount = settings.get("discount", 1.0)
+        if not (isinstance(discount, int | float) and 0 <= discount <= 1):
+            raise InputError(f"discount is {discount!r}: choose from 0 to 1.")
         human = render_mode == "human"
         if human and (sys.stdout is None or not sys.stdout.isatty()):
             raise InputError(

@@ -17,7 +17,7 @@ from rich.console import Console
 from rich.table import Column, Table
 
 from actors.envs.robot import RobotEnv
-from actors.loop import Step, play
+from actors.loop import Step, play, seeds_of
 from actors.robots.latency import CHANGES, GOAL, Change, Latency, changes
 from actors.vision.layout import border_of
 from common.metrics import KEYS_AS_COMMANDED, PIXEL_DEVIATION, VALID_FRAMES, Bound
@@ -27,7 +27,7 @@ from common.run.conditions import PlayConfig
 from common.run.hands import keys_can_follow
 from viewer.panels import Panels
 from viewer.picture import check_picture, write_picture
-from viewer.player import File, Played, ShownPolicy, seeds_of, shown_env
+from viewer.player import File, Played, ShownPolicy, shown_env
 
 AGENT_STEPS = 200
 MAX_CORNER_ERROR = 1.5
@@ -66,7 +66,7 @@ class Check(Played):
             shown_env(config) as env,
             closing(Panels(env, self.nao_urdf)) as panels,
         ):
-            policy_seed, env_seed = seeds_of(config)
+            policy_seed, env_seed = seeds_of(config.seed)
             policy = ShownPolicy.of_file(config, None, 1.0, policy_seed)
             figures = []
             with Progress("checking", AGENT_STEPS) as progress:

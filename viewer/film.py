@@ -13,7 +13,7 @@ import numpy as np
 import tyro
 from numpy.typing import NDArray
 
-from actors.loop import play
+from actors.loop import play, seeds_of
 from common.checked import Amount, Fraction
 from common.errors import InputError
 from common.process.progress import Progress
@@ -23,7 +23,7 @@ from common.run.origin import find_weights, shown_weights
 from viewer import overlay
 from viewer.movie import check_movie, open_movie
 from viewer.panels import Panels
-from viewer.player import File, Played, ShownPolicy, seeds_of, shown_env
+from viewer.player import File, Played, ShownPolicy, shown_env
 from viewer.show import Play
 
 _CHAPTER = 8.0
@@ -112,9 +112,8 @@ class Film(Played):
         chapters = chapters_of(folder)
         video = self._video_of(folder)
         config = self.config()
-        policy_seed, env_seed = seeds_of(config)
-        if changes := self.changes():
-            print(f"other than trained: {changes}")
+        policy_seed, env_seed = seeds_of(config.seed)
+        self.tell_changes()
         with (
             shown_env(config) as env,
             closing(Panels(env, self.nao_urdf, orbiting=True)) as panels,

@@ -51,12 +51,6 @@ def settings_of(network: Path | None, env: str = RunConfig.env) -> RunConfig:
     return replace(config, play=replace(config.play, minimal_actions=False))
 
 
-def seeds_of(config: RunConfig) -> tuple[int, int]:
-    """Returns the seeds of the policy and of the environment, whose random numbers must differ."""
-    policy, env = map(int, np.random.SeedSequence(config.seed).generate_state(2))
-    return policy, env
-
-
 @dataclass(frozen=True)
 class Played:
     """The flags that all commands share: the game and its conditions, and who plays it."""
@@ -106,6 +100,11 @@ class Played:
             return ""
         usual = replace(trained.for_play, seed=self.seed)
         return ", ".join(differences(usual, self.config()))
+
+    def tell_changes(self) -> None:
+        """Prints `changes`, if there are any."""
+        if changes := self.changes():
+            print(f"other than trained: {changes}")
 
 
 _HELP = ("-h", "--help")

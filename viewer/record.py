@@ -9,7 +9,7 @@ from typing import Annotated
 import tyro
 
 from actors.envs import make_env
-from actors.loop import play
+from actors.loop import play, seeds_of
 from actors.policy import Policy
 from common.checked import Amount, Count, Fraction
 from common.errors import InputError
@@ -18,7 +18,7 @@ from common.process.command_line import WeightsFile
 from common.process.extras import check_extra
 from common.process.progress import Progress
 from common.run.clock import ClockConfig
-from viewer.player import Played, seeds_of
+from viewer.player import Played
 from viewer.recorder import Recorder, check_new_folder
 
 
@@ -57,9 +57,8 @@ class Record(Played):
         """Records the games or the minutes, or until ``stop`` is set. Raises InputError if weights
         or folder cannot be used."""
         config = self.config()
-        if changes := self.changes():
-            print(f"other than trained: {changes}")
-        policy_seed, env_seed = seeds_of(config)
+        self.tell_changes()
+        policy_seed, env_seed = seeds_of(config.seed)
         policy = Policy.of_file(config, self.weights, self.epsilon, policy_seed)
         minute = 60 * config.play.steps_per_second
         total = self.minutes * minute or self.games or 1

@@ -10,7 +10,7 @@ import numpy as np
 import tyro
 
 from actors.envs.shown_env import ShownEnv
-from actors.loop import play
+from actors.loop import play, seeds_of
 from common.checked import Amount, Fraction, FromOne
 from common.counted import counted
 from common.errors import InputError
@@ -20,7 +20,7 @@ from common.process.progress import Progress
 from common.run.clock import ClockConfig
 from viewer.movie import check_movie, open_movie
 from viewer.panels import Panels
-from viewer.player import File, Network, Played, ShownPolicy, seeds_of, shown_env
+from viewer.player import File, Network, Played, ShownPolicy, shown_env
 from viewer.rerun_stream import RerunStream
 from viewer.terminal.rendering import ROOM_EVERY
 
@@ -69,9 +69,8 @@ class Play(Played):
         """Plays the games or the seconds, or until ``stop`` is set. Raises InputError if weights,
         viewer or the NAO of --nao-urdf cannot be used."""
         config = self.config()
-        if changes := self.changes():
-            print(f"other than trained: {changes}")
-        policy_seed, env_seed = seeds_of(config)
+        self.tell_changes()
+        policy_seed, env_seed = seeds_of(config.seed)
         policy = ShownPolicy.of_file(config, self.weights, self.epsilon, policy_seed)
         with (
             shown_env(config, self.clock) as env,

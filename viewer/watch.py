@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from actors.envs.robot import RobotEnv
 from actors.envs.shown_env import ShownEnv
-from actors.loop import Step, play
+from actors.loop import Step, play, seeds_of
 from actors.vision.layout import ASPECT, border_of
 from common.actions import KEYS_OF_ACTION
 from common.checked import Count, Fraction
@@ -29,7 +29,7 @@ from common.run.config import RunConfig
 from common.run.origin import name_of, shown_weights
 from viewer import overlay
 from viewer.human import keys_text
-from viewer.player import Network, Played, ShownPolicy, seeds_of, shown_env
+from viewer.player import Network, Played, ShownPolicy, shown_env
 from viewer.terminal.graphics import QUESTIONS, Graphics, GraphicsAnswers
 from viewer.terminal.half_blocks import HalfBlocks
 from viewer.terminal.held_keys import HeldKeys
@@ -83,7 +83,7 @@ class Watch(Played):
         """Plays until there are enough games, or the person leaves. Raises InputError if there is
         no terminal, or it is too small, or the network cannot be used."""
         config = self.config()
-        policy_seed, env_seed = seeds_of(config)
+        policy_seed, env_seed = seeds_of(config.seed)
         policy = ShownPolicy.of_file(config, self.network, self.epsilon, policy_seed)
         terminal = Terminal(LEAST_SIZE)
         keys, scores = HeldKeys(), list[float]()

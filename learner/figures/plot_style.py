@@ -17,6 +17,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from common.atomic_file import check_new_file, write_atomically
+from common.counted import counted
 from common.errors import InputError, writing
 from common.minus import minus_signed
 
@@ -67,7 +68,7 @@ def renamed(found: Sequence[N], names: Sequence[str]) -> list[N]:
     """
     own = list(dict.fromkeys(each.name for each in found))
     if names and len(names) != len(own):
-        lines = "1 line" if len(own) == 1 else f"{len(own)} lines"
+        lines = counted(len(own), "line")
         raise InputError(
             f"--names has {len(names)} names for {lines} ({', '.join(own)}): give one for each."
         )

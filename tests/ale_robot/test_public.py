@@ -86,6 +86,7 @@ def test_a_policy_plays_and_is_evaluated_under_other_conditions() -> None:
         ("Pong", {"clock": None}, r"^clock is None: give a ClockConfig\."),
         ("Pong-Emulator", {"clock": ClockConfig(sync=False)}, "--no-sync is for a robot"),
         ("Pong", {"discount": 7.0}, r"^discount is 7\.0: choose from 0 to 1\."),
+        ("Pong", {"discount": "much"}, r"^discount is 'much': choose from 0 to 1\."),
         ("Pong-Emulator", {"play": PlayConfig(frame_stack=0)}, r"play\.frame_stack is 0: choose"),
         (
             "Pong-Emulator",
