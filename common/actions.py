@@ -41,16 +41,22 @@ KEYS_OF_ACTION: tuple[Keys, ...] = (
 )
 """Keys of each of ALE's 18 actions, indexed by the action's number."""
 
-_ACTION_OF_KEYS = {keys: action for action, keys in enumerate(KEYS_OF_ACTION)}
-
-
 OPPOSITES = (_U | _D, _L | _R)
 """Pairs of keys that a controller never closes together."""
 
 
-def action_of_keys(pressed: Keys) -> int:
-    """Returns ALE's action number for ``pressed``; opposite keys cancel, as on a real joystick."""
+def _without_opposites(bits: int) -> Keys:
+    closed = Keys(bits)
     for pair in OPPOSITES:
-        if pressed & pair == pair:
-            pressed &= ~pair
+        if closed & pair == pair:
+            closed &= ~pair
+    return closed
+
+
+_ACTION_OF_KEYS = tuple(KEYS_OF_ACTION.index(_without_opposites(bits)) for bits in range(32))
+
+
+def action_of_keys(pressed: int) -> int:
+    """Returns ALE's action number for the `Keys` ``pressed``; opposite keys cancel, as on a real
+    joystick."""
     return _ACTION_OF_KEYS[pressed]

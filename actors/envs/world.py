@@ -12,6 +12,7 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
+from actors.envs.command_plan import CommandPlan
 from actors.envs.game import AtariGame
 from actors.envs.key_watch import KeyWatch
 from actors.envs.late_commands import hands_of
@@ -19,10 +20,7 @@ from actors.envs.latency_equaliser import LatencyEqualiser
 from actors.envs.proprioception import Proprioception
 from actors.robots.interface import Hands
 from common.actions import KEYS_OF_ACTION, Keys, action_of_keys
-from common.proprioception import KEYS
 from common.run.conditions import PlayConfig
-
-_ACTION_OF_KEYS = tuple(action_of_keys(Keys(bits)) for bits in range(2 ** len(KEYS)))
 
 
 @dataclass(frozen=True)
@@ -74,6 +72,7 @@ class World:
         """Times the hands, whenever the controller is read."""
         self._arms = arms
         self._posture = posture
+        self._plan = CommandPlan.of_play(play)
         self._take_hands(play, np.random.default_rng(0))
         self._game = game
         self._play = play
@@ -131,7 +130,7 @@ class World:
             self.pressed = felt
         if self._sense is not None:
             self._sense.feel(felt)
-        self._points += self._game.hold(_ACTION_OF_KEYS[self.pressed])
+        self._points += self._game.hold(action_of_keys(self.pressed))
         self._frames += 1
         if self._frames < self._play.frame_skip:
             return None
@@ -152,5 +151,5 @@ class World:
         self._equaliser: LatencyEqualiser | None = None
         if play.equal_latency:
             self._hands = self._equaliser = LatencyEqualiser(
-                self._hands, play.equal_latency, play.equal_gap, self.key_watch.give
+                self._hands, play.equal_latency, play.equal_gap, self.key_watch.give, self._plan
             )

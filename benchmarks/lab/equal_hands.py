@@ -13,6 +13,7 @@ import numpy as np
 from annotated_types import Ge, Le, MinLen
 from numpy.typing import NDArray
 
+from actors.envs.command_plan import CommandPlan
 from actors.envs.late_commands import hands_of
 from actors.envs.latency_equaliser import LatencyEqualiser
 from actors.robots.interface import Hands
@@ -25,7 +26,7 @@ from common.games import MINIMAL_ACTIONS, SCREEN_SHAPE, check_game
 from common.registry import ROBOTS
 from common.run.conditions import MAX_ADDED, MAX_GAP, CameraConfig, LatencyModelSettings, PlayConfig
 
-_TOLD = ("latency", "gap", "model_rate", "game", "steps", "seed")
+_TOLD = ("latency", "gap", "model_rate", "hands_model", "game", "steps", "seed")
 
 
 @dataclass(frozen=True)
@@ -42,6 +43,8 @@ class Options(BenchmarkOptions):
     """Gap of the schedule between two keys, emulator frames (--play.equal-gap)."""
     model_rate: Literal[30, 60] = LatencyModelSettings.rate
     """Commands that a latency model takes per second."""
+    hands_model: str = ""
+    """File of a latency model by which commands are planned (--play.hands-model)."""
     game: str = "pong"
     """Game whose own actions are commanded."""
     steps: FromOne = 5_000
@@ -66,10 +69,11 @@ def measure(options: Options) -> Report:
     ]
     told = [random_commands(keys, every, options.steps, options.seed) for every in options.every]
     equal = (options.latency, options.gap)
+    plan = CommandPlan.of_play(PlayConfig(hands_model=options.hands_model))
     schedules = [keys_held(_exact_hands(), each, *equal) for each in told]
     for name, robot in zip(options.robots, robots, strict=True):
         for every, given, schedule in zip(options.every, told, schedules, strict=True):
-            other = keys_held(robot, given, *equal) != schedule
+            other = keys_held(robot, given, *equal, plan) != schedule
             rows.append(
                 {
                     "robot": name,
@@ -102,10 +106,16 @@ def random_commands(keys: Sequence[Keys], every: int, steps: int, seed: int) -> 
     return [keys[0], *commands(keys, steps - 1, rng, means=(every,))]
 
 
-def keys_held(hands: Hands, told: Sequence[Keys], latency: int, gap: int = 0) -> NDArray[np.int64]:
+def keys_held(
+    hands: Hands,
+    told: Sequence[Keys],
+    latency: int,
+    gap: int = 0,
+    plan: CommandPlan | None = None,
+) -> NDArray[np.int64]:
     """Returns the keys at the end of each emulator frame, with ``hands`` made equal,
     ``int [commands told × frame skip]``."""
-    equal = LatencyEqualiser(hands, latency, gap)
+    equal = LatencyEqualiser(hands, latency, gap, plan=plan)
     equal.time(~Keys.NONE)
     equal.rest()
     held: list[Keys] = []

@@ -112,6 +112,10 @@ class PlayConfig:
     equal_gap: Annotated[int, Ge(0), Le(MAX_GAP)] = 0
     """Time from the release of keys to the press of others under --play.equal-latency, emulator
     frames. 0 is as by NAO's hands: one, or two if the hand comes from other keys."""
+    hands_model: str = ""
+    """File of a latency model of the hands, by which --play.equal-latency plans each command ahead,
+    in the format of --robot FILE.npz; it takes 60 commands a second. Without one, each key gets its
+    command as soon as its own latency asks for."""
     arm_speed: Annotated[float, Ge(0.25), Le(1.1), OF_A_ROBOT] = 1.0
     """Maximum speed of the arms' joints, relative to the usual maximum, which is 0.9 of the
     published speed."""

@@ -264,9 +264,12 @@ class RunConfig:
     def pinned(self) -> "RunConfig":
         """Returns the settings, with its hash added to each file that they name. Raises InputError
         if a file cannot be read."""
-        if not self.play.latency_model:
-            return self
-        return replace(self, play=replace(self.play, robot=pin(self.play.latency_model)))
+        play = self.play
+        if play.latency_model:
+            play = replace(play, robot=pin(play.latency_model))
+        if play.hands_model:
+            play = replace(play, hands_model=pin(play.hands_model))
+        return self if play == self.play else replace(self, play=play)
 
     def in_full(self) -> "RunConfig":
         """Returns the settings with the values of all that extensions declare for themselves."""

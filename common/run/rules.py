@@ -73,11 +73,12 @@ def _check_hands(config: RunConfig) -> None:
             f"play.robot is {path_of(play.robot)}, which models the hands by itself: leave "
             "play.hand at 'arm' and play.press_latency at 0."
         )
-    if play.equal_gap and not play.equal_latency:
-        raise InputError(
-            f"play.equal_gap is {play.equal_gap}, which means nothing without play.equal_latency: "
-            "give that too, or leave it at 0."
-        )
+    for name in ("equal_gap", "hands_model"):
+        if (value := getattr(play, name)) and not play.equal_latency:
+            raise InputError(
+                f"play.{name} is {value}, which means nothing without play.equal_latency: give "
+                "that too, or omit it."
+            )
 
 
 def _check_learning_rate(config: RunConfig) -> None:

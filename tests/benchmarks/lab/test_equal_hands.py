@@ -16,6 +16,7 @@ from common.actions import Keys
 from common.errors import InputError
 from common.registry import ROBOTS, RobotKind
 from common.run.conditions import MAX_ADDED
+from tests.actors.robots.latency_model.models import delay, saved
 from tests.extending.whole_run import added
 
 LEFT, RIGHT = int(Keys.LEFT), int(Keys.RIGHT)
@@ -99,6 +100,14 @@ def test_hands_that_can_keep_the_schedule_keep_it_in_every_frame(tmp_path: Path)
     assert {name: told.get(name) for name in asked} == asked
 
 
+def test_commands_may_be_planned_by_a_model_of_the_hands(tmp_path: Path) -> None:
+    late, wrong = (saved(tmp_path / f"{frames}.npz", delay(frames)) for frames in (2, 0))
+    flags = ("--robots", "LateRobot", "--latency", "5", "--gap", "4", "--every", "3")
+    assert run(tmp_path, *flags, "--hands-model", late)[0]["share of frames with other keys"] == 0
+    # What the model does not need counts as the way of the commands.
+    assert run(tmp_path, *flags, "--hands-model", wrong)[0]["share of frames with other keys"] == 0
+
+
 def test_hands_that_need_longer_differ_and_most_where_commands_are_short(tmp_path: Path) -> None:
     rows = run(tmp_path, "--robots", "LateRobot", "--latency", "1")
     short, longer, longest = (row["share of frames with other keys"] for row in rows)
@@ -130,6 +139,7 @@ def test_a_broken_key_costs_the_frames_in_which_it_is_to_be_held(
         (["--every", "3", "0"], r"--every.* is 0"),
         (["--robots", "Unmeasured", "nobody"], "there is no robot 'nobody'"),
         (["--robots", "Unmeasured", "none.npz"], r"none\.npz cannot be read"),
+        (["--robots", "Unmeasured", "--hands-model", "none.npz"], r"none\.npz cannot be read"),
     ],
 )
 def test_what_cannot_be_measured_is_refused_before_anything_is(

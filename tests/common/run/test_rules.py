@@ -129,11 +129,13 @@ def test_hands_are_modelled_once(env: str, field: str, value: Any) -> None:
         check_config(changed(field, value, modelled))
 
 
-def test_a_gap_is_that_of_equal_hands() -> None:
-    gap = changed("play.equal_gap", 4)
-    check_config(changed("play.equal_latency", 16, gap))
-    with pytest.raises(InputError, match=r"^play.equal_gap is 4, which means nothing without play"):
-        check_config(gap)
+@pytest.mark.parametrize(("name", "value"), [("equal_gap", 4), ("hands_model", "hand.npz")])
+def test_some_settings_are_those_of_equal_hands(name: str, value: object) -> None:
+    alone = changed(f"play.{name}", value)
+    check_config(changed("play.equal_latency", 16, alone))
+    expected = f"^play.{name} is {value}, which means nothing without play.equal_latency: give"
+    with pytest.raises(InputError, match=expected):
+        check_config(alone)
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,7 @@
 """The processes of an evaluation, played by a script: who plays what, and what is said of them."""
 
 import errno
+import gc
 import io
 import json
 import os
@@ -88,6 +89,7 @@ def test_an_evaluation_leaves_no_process_and_no_pipe(
         return children[-1]
 
     monkeypatch.setattr(offline, "Child", start)
+    gc.collect()  # what earlier tests left behind would be closed meanwhile
     before = set(os.listdir("/proc/self/fd"))
     options = EvaluationOptions(Path("w"), games=2, processes=2)
     with nullcontext() if starts == 2 else pytest.raises(OSError, match="no memory"):
