@@ -42,16 +42,26 @@ def key_latencies(
     hands.rest()
     latencies = {}
     for key in keys:
-        presses, releases, in_play = [], [], []
-        for rest in _RESTS:
-            presses.append(_until(hands, key, key, give))
-            _wait(hands, rest)
-            in_play.append(_again(hands, key, give))
-            _wait(hands, rest)
-            releases.append(_until(hands, Keys.NONE, key, give))
-            _wait(hands, rest)
-        latencies[key] = HandLatency(min(releases), min(presses), min(in_play))
+        tries = [_try(hands, key, rest, give) for rest in _RESTS]
+        latency = HandLatency(*map(min, zip(*tries, strict=True)))
+        latencies[key] = latency._replace(release=0) if latency.press == LONGEST else latency
     return latencies
+
+
+def _try(hands: Hands, key: Keys, rest: int, give: Callable[[int], None]) -> HandLatency:
+    """Returns how long each took in one try, in which hands come to rest for so many frames."""
+    press = _until(hands, key, key, give)
+    release = in_play = LONGEST
+    if press < LONGEST:
+        _wait(hands, rest)
+        in_play = _again(hands, key, give)
+        # What comes later than that would seem to answer the next command.
+        _wait(hands, rest if in_play < LONGEST else LONGEST)
+        release = _until(hands, Keys.NONE, key, give)
+        _wait(hands, rest)
+    if LONGEST in (release, press):
+        hands.rest()
+    return HandLatency(release, press, in_play)
 
 
 def _until(hands: Hands, command: Keys, key: Keys, give: Callable[[int], None]) -> int:

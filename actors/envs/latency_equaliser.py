@@ -128,7 +128,13 @@ class LatencyEqualiser:
             for latency, keys in self._keys_by_latency.items()
             if keys & changed
         ]
-        return self._schedule.given_ago(changed, min(own))
+        first = min(own)
+        if self._plan is not None:  # it may set out sooner than that, for what comes later
+            wanted = due & changed
+            frames = range(first, self._plan.frames)
+            held_in = self._schedule.held_in
+            first = next((each for each in frames if held_in(each) & changed == wanted), first)
+        return self._schedule.given_ago(changed, first)
 
     def _forget(self) -> None:
         self._wanted = self._told = 0

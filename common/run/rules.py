@@ -9,8 +9,9 @@ from common.proprioception import MAX_VECTOR
 from common.protocol.step_fields import FRAME_BYTES, drawn_fields
 from common.protocol.wire import MAX_MESSAGE_BYTES
 from common.registry import ENVIRONMENTS, foreign
+from common.run.conditions import DEFAULT_PLAY, FRAMES_PER_SECOND, LatencyModelSettings
 from common.run.config import RunConfig
-from common.run.own_settings import check_own_settings
+from common.run.own_settings import ROBOT, check_own_settings, own_settings
 from common.run.ranges import check_ranges, ignored_in
 from common.run.stored_config import from_mapping
 
@@ -73,11 +74,32 @@ def _check_hands(config: RunConfig) -> None:
             f"play.robot is {path_of(play.robot)}, which models the hands by itself: leave "
             "play.hand at 'arm' and play.press_latency at 0."
         )
-    for name in ("equal_gap", "hands_model"):
-        if (value := getattr(play, name)) and not play.equal_latency:
+    for name, shown in (("equal_gap", play.equal_gap), ("hands_model", path_of(play.hands_model))):
+        usual = getattr(DEFAULT_PLAY, name)
+        if getattr(play, name) != usual and not play.equal_latency:
             raise InputError(
-                f"play.{name} is {value}, which means nothing without play.equal_latency: give "
-                "that too, or omit it."
+                f"play.{name} is {shown}, which means nothing without play.equal_latency: give "
+                f"that too, or leave it at {usual!r}."
+            )
+    if play.hands_model:
+        _check_modelled(config)
+
+
+def _check_modelled(config: RunConfig) -> None:
+    """Checks that there are hands of which ``play.hands_model`` may be a model."""
+    play, model = config.play, path_of(config.play.hands_model)
+    if not play.latency_model and (play.hand == "model" or not ENVIRONMENTS.find(config.env).robot):
+        raise InputError(
+            f"play.hands_model is {model}, a model of hands that do not play here: name them by "
+            "--robot (the model itself can be them), or leave it at ''."
+        )
+    if play.latency_model:
+        rate = own_settings(LatencyModelSettings, play.robot_settings, ROBOT.text).rate
+        if rate != FRAMES_PER_SECOND:
+            raise InputError(
+                f"play.hands_model takes {FRAMES_PER_SECOND} commands a second, and "
+                f"{path_of(play.robot)} only {rate}: add --play.robot-settings "
+                f"rate={FRAMES_PER_SECOND}."
             )
 
 

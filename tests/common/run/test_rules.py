@@ -129,13 +129,28 @@ def test_hands_are_modelled_once(env: str, field: str, value: Any) -> None:
         check_config(changed(field, value, modelled))
 
 
-@pytest.mark.parametrize(("name", "value"), [("equal_gap", 4), ("hands_model", "hand.npz")])
-def test_some_settings_are_those_of_equal_hands(name: str, value: object) -> None:
-    alone = changed(f"play.{name}", value)
+@pytest.mark.parametrize(
+    ("name", "value", "words"),
+    [("equal_gap", 4, "4, .*at 0"), ("hands_model", "a/m.npz#sha256=0", "a/m.npz, .*at ''")],
+)
+def test_some_settings_are_those_of_equal_hands(name: str, value: object, words: str) -> None:
+    alone = changed(f"play.{name}", value, PRESETS["robot"])
     check_config(changed("play.equal_latency", 16, alone))
-    expected = f"^play.{name} is {value}, which means nothing without play.equal_latency: give"
-    with pytest.raises(InputError, match=expected):
+    with pytest.raises(InputError, match=rf"^play.{name} is {words}\.$"):
         check_config(alone)
+
+
+@pytest.mark.parametrize("env", ["ale", "robot"])
+def test_a_model_of_the_hands_needs_hands_that_take_as_many_commands(env: str) -> None:
+    equal = changed("play.equal_latency", 16, changed("env", env, PRESETS["robot"]))
+    planned = changed("play.hands_model", "a/m.npz#sha256=0", equal)
+    of_a_file = changed("play.robot", "b.npz", planned)
+    check_config(changed("play.robot_settings", "rate=60", of_a_file))
+    with pytest.raises(InputError, match=r"takes 60 commands a second, and b.npz only 30: add"):
+        check_config(of_a_file)
+    without = {"ale": planned, "robot": changed("play.hand", "model", planned)}[env]
+    with pytest.raises(InputError, match=r"^play.hands_model is a/m.npz, a model of hands that do"):
+        check_config(without)
 
 
 @pytest.mark.parametrize(
