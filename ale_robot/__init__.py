@@ -11,14 +11,24 @@ and ``ALERobot/<Game>-Emulator-v0``, the emulator alone::
 """
 
 import sys
+from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from ale_robot.policy import TrainedPolicy, evaluate, load_policy
+    from common.run.conditions import CameraConfig, PlayConfig
 
-__all__ = ["TrainedPolicy", "__version__", "env_id", "evaluate", "load_policy"]
+__all__ = [
+    "CameraConfig",
+    "PlayConfig",
+    "TrainedPolicy",
+    "__version__",
+    "env_id",
+    "evaluate",
+    "load_policy",
+]
 
 for _name in ("actors", "common", "deploy", "learner", "replay", "viewer"):
     _found = find_spec(_name)
@@ -39,12 +49,11 @@ from common.version import VERSION as __version__  # noqa: E402
 
 
 def __getattr__(name: str) -> Any:
-    """Loads the names that need PyTorch on first use."""
+    """Loads on first use the names that take long to import."""
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    from ale_robot import policy
-
-    return getattr(policy, name)
+    where = "common.run.conditions" if name.endswith("Config") else "ale_robot.policy"
+    return getattr(import_module(where), name)
 
 
 def __dir__() -> list[str]:

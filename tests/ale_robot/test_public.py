@@ -44,6 +44,9 @@ def test_importing_the_package_loads_no_physics_and_no_vision(package: str) -> N
 def test_the_public_names_are_told() -> None:
     assert ale_robot.__version__
     assert dir(ale_robot) == sorted(ale_robot.__all__)  # those too that are loaded when asked for
+    assert all(getattr(ale_robot, name) for name in ale_robot.__all__)
+    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+        _ = ale_robot.nothing
 
 
 def test_a_shipped_policy_plays_in_its_own_environment() -> None:
