@@ -36,6 +36,8 @@ def cannot_write(path: Path, error: OSError) -> InputError:
 
 def cannot_read(path: Path, error: Exception) -> InputError:
     """Returns the error that says that ``path`` cannot be read, or what is wrong in it."""
+    if isinstance(error, FileNotFoundError):
+        return InputError(f"there is no {path}: name another file.")
     why = error.strerror if isinstance(error, OSError) else error
     return InputError(f"{path} cannot be read ({why}): mend this file, or name another.")
 

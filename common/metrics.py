@@ -175,6 +175,7 @@ declare(
     Metric("run/agent_steps", "steps", "count", "Agent steps of all actors, including the warm-up",
            line="{run/agent_steps} steps", summary="agent_steps", counter=True),
     Metric("run/steps_goal", "steps", "count", "Agent steps after which the run ends by itself"),
+    Metric("run/seconds_to_goal", "seconds", "duration", "Time to these steps at the present rate"),
     Metric("run/epoch", "epochs", "count", "Current epoch of training; 0 during the warm-up",
            summary="epoch"),
     Metric("run/phase_steps", "steps", "count", "Agent steps so far in the current phase"),

@@ -3,6 +3,7 @@ compared."""
 
 import dataclasses
 import json
+import re
 import reprlib
 from collections.abc import Iterator, Mapping
 from typing import Any, TypeVar
@@ -39,6 +40,9 @@ REMOVED: dict[str, Any] = {
     "exploration.per_env": False,
 }
 """Fields of former versions that no longer exist, and the value with which they had no effect."""
+
+_HASH = re.compile(r"(#sha256=[0-9a-f]{8})[0-9a-f]{56}$")
+"""The hash of a file that a setting names (`common.pinned_file`)."""
 
 T = TypeVar("T")
 
@@ -118,10 +122,15 @@ def _with_present_fields(data: Any, where: str) -> Any:
 
 
 def differences(old: Any, new: Any) -> list[str]:
-    """Returns the settings in which two configurations differ, with both values."""
+    """Returns the settings in which two configurations differ, with both values as words for
+    people: of the hash of a file, the first eight digits."""
     before, after = flat(old), flat(new)
     return [
-        f"{name} {v if v != '' else 'none'} → {after[name] if after[name] != '' else 'none'}"
-        for name, v in before.items()
-        if v != after[name]
+        f"{name} {_shown(value)} → {_shown(after[name])}"
+        for name, value in before.items()
+        if value != after[name]
     ]
+
+
+def _shown(value: bool | float | str) -> str:
+    return _HASH.sub(r"\1…", str(value)) or "none"

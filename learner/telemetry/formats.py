@@ -169,10 +169,11 @@ def progress_of(values: Values) -> tuple[Progress, ...]:
     warm_up, finishing = (values["run/phase"] == phase for phase in ("warm-up", "finishing"))
     label = "Warm-up" if warm_up else f"Epoch {values['run/epoch']}"
     left = "finishing" if finishing else fill("{run/seconds_left} left", values)
-    so_far = fill("{run/seconds} so far", values)
+    ending = values.get("run/seconds_to_goal") is not None
+    time = "{run/seconds}, {run/seconds_to_goal} left" if ending else "{run/seconds} so far"
     return (
         Progress(label, "run/phase_steps", "run/phase_length", left),
-        Progress("Run", "run/agent_steps", "run/steps_goal", so_far),
+        Progress("Run", "run/agent_steps", "run/steps_goal", fill(time, values)),
         Progress("Replay", "stream/stored", "stream/capacity", ""),
     )
 

@@ -192,6 +192,7 @@ class Telemetry(AbstractContextManager["Telemetry"]):
             # Until exploration is over, a network cannot be better than a blind one.
             values["learning/relative_td_error"] = None
         values["run/seconds_left"] = self._seconds_left(values, actors)
+        values["run/seconds_to_goal"] = _seconds_to_goal(values)
         checks = judge(values, config)
         values["gates/failed"] = sum(check.passed is False for check in checks)
         if unknown := values.keys() - METRICS.keys():
@@ -264,6 +265,14 @@ class Telemetry(AbstractContextManager["Telemetry"]):
             "play/test_epoch": tests[-1].epoch if tests else None,
             "play/random_reward": next(iter(self.rewards("random")), None),
         }
+
+
+def _seconds_to_goal(values: Values) -> float | None:
+    """Returns the time to the last agent step of the run; None if that, or the rate, is unknown."""
+    rate, goal = (number(values, key) for key in ("stream/steps_per_second", "run/steps_goal"))
+    if not rate or goal is None:
+        return None
+    return max(goal - (number(values, "run/agent_steps") or 0.0), 0.0) / rate
 
 
 def _together(*parts: Values) -> dict[str, Value]:

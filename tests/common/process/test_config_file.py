@@ -55,7 +55,7 @@ def test_settings_of_a_stored_run_or_a_card_are_taken_whole(tmp_path: Path) -> N
         ("config.json", "[]", "should be a table"),
         ("config.json", '{"a": 1}', r"cannot be read \(it holds no settings of a run\): mend"),
         ("config.json", "[" * 100_000, r"cannot be read \(maximum recursion"),
-        ("none.toml", None, r"cannot be read \(No such file or directory\): mend this file, or"),
+        ("none.toml", None, r"^there is no .*none.toml: name another file\."),
     ],
 )
 def test_a_file_of_settings_that_cannot_be_used_is_told(

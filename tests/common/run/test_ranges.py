@@ -275,4 +275,5 @@ def test_the_page_tells_bounds_and_defaults_of_what_is_fixed() -> None:
             assert (ale == "yes") == (f"{group}.{name}" not in ignored)
             told.add(f"{group}.{name}")
     drawn = {key for settings, *_ in DRAWN.values() for key in settings.split()}
-    assert told == drawn | {"camera.glare_x", "camera.glare_y", "play.equal_latency"}
+    equal = {"play.equal_latency", "play.equal_gap"}
+    assert told == drawn | equal | {"camera.glare_x", "camera.glare_y"}

@@ -227,3 +227,8 @@ def test_differences_name_each_field_and_both_values() -> None:
     lamps = replace(GOOD, play=replace(GOOD.play, env_settings="lamps=4"))
     assert differences(GOOD, lamps) == ["play.env_settings none → lamps=4"]
     assert differences(lamps, GOOD) == ["play.env_settings lamps=4 → none"]
+    one, another = (
+        replace(GOOD, play=replace(GOOD.play, robot=f"a.npz#sha256={digit * 64}")) for digit in "4b"
+    )
+    files = "play.robot a.npz#sha256=44444444… → a.npz#sha256=bbbbbbbb…"
+    assert differences(one, another) == [files]

@@ -267,6 +267,13 @@ def test_time_left_is_of_the_phase_and_then_of_the_tests(tmp_path: Path) -> None
     run.play(3)
     run.now += 4.0
     assert run.values()["run/seconds_left"] == (200 - 50) / 30
+    assert run.values()["run/seconds_to_goal"] is None
+    for played, left in ((910, 90), (1_020, 0)):
+        run.phases.agent_steps = played
+        values = run.values(**{"run/steps_goal": 1_000})
+        rate = values["stream/steps_per_second"]
+        assert isinstance(rate, float)
+        assert values["run/seconds_to_goal"] == pytest.approx(left / rate)
     evaluator = ActorStats("e", "evaluator", steps_per_second=20.0)
     actor = ActorStats("a", "actor", steps_per_second=99.0)
     run.actors = tuple(ActorView(stats=stats, alive=True) for stats in (evaluator, actor))

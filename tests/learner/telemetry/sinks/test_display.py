@@ -277,6 +277,12 @@ def test_every_figure_is_there_at_60_by_24(width: int) -> None:
     assert re.search(r"Run +10,402,560 steps +2 d", "\n".join(drawn(endless, width)))
 
 
+@pytest.mark.parametrize("width", [80, 120])
+def test_a_run_that_will_end_tells_when(width: int) -> None:
+    ending = changed(STATUS, {"run/seconds_to_goal": 3_720.0})
+    assert re.search(r"Run .* 2 d 04:07, 1:02:00 left *$", drawn(ending, width)[2])
+
+
 @pytest.mark.parametrize(("height", "checked", "shown"), [(24, 0, 5), (28, 4, 5), (33, 7, 8)])
 def test_a_taller_narrow_screen_shows_checks_and_then_more_actors(
     height: int, checked: int, shown: int
