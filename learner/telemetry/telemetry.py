@@ -192,7 +192,7 @@ class Telemetry(AbstractContextManager["Telemetry"]):
             # Until exploration is over, a network cannot be better than a blind one.
             values["learning/relative_td_error"] = None
         values["run/seconds_left"] = self._seconds_left(values, actors)
-        values["run/seconds_to_goal"] = _seconds_to_goal(values)
+        values["run/seconds_to_goal"] = self._seconds_to_goal(values)
         checks = judge(values, config)
         values["gates/failed"] = sum(check.passed is False for check in checks)
         if unknown := values.keys() - METRICS.keys():
@@ -216,6 +216,14 @@ class Telemetry(AbstractContextManager["Telemetry"]):
             rate = number(values, "stream/steps_per_second")
             left = self.phases.steps_left
         return left / rate if rate and left is not None else None
+
+    def _seconds_to_goal(self, values: Values) -> float | None:
+        """Returns the time to the last agent step of the run; None if it, or the rate, is
+        unknown."""
+        goal, rate = (number(values, key) for key in ("run/steps_goal", "stream/steps_per_second"))
+        if goal is None or not rate:
+            return None
+        return max(goal - self.phases.agent_steps, 0.0) / rate
 
     def _histograms(self, key_times: tuple[int, ...]) -> dict[str, Histogram]:
         found = {}
@@ -265,14 +273,6 @@ class Telemetry(AbstractContextManager["Telemetry"]):
             "play/test_epoch": tests[-1].epoch if tests else None,
             "play/random_reward": next(iter(self.rewards("random")), None),
         }
-
-
-def _seconds_to_goal(values: Values) -> float | None:
-    """Returns the time to the last agent step of the run; None if that, or the rate, is unknown."""
-    rate, goal = (number(values, key) for key in ("stream/steps_per_second", "run/steps_goal"))
-    if not rate or goal is None:
-        return None
-    return max(goal - (number(values, "run/agent_steps") or 0.0), 0.0) / rate
 
 
 def _together(*parts: Values) -> dict[str, Value]:
