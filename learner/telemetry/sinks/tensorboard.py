@@ -4,6 +4,7 @@ PyTorch's own writer takes seconds to import, and offers nothing more that is ne
 """
 
 import io
+import logging
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
@@ -133,6 +134,8 @@ def written_points(folder: Path) -> Iterator[Values]:
     # This import takes long, and only a resumed run needs it.
     from tensorboard.backend.event_processing.event_accumulator import SCALARS, EventAccumulator
 
+    # A resumed run writes again the steps after its checkpoint, of which the reader would warn.
+    logging.getLogger("tensorboard").setLevel(logging.ERROR)
     events = EventAccumulator(str(folder), size_guidance={SCALARS: 0})  # 0: all of them
     events.Reload()
     found: dict[int, dict[str, Value]] = {}
