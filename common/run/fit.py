@@ -100,7 +100,7 @@ def check_fit(
         other = "" if trained.game == config.game else f", or name a network of {config.game}"
         raise InputError(
             f"{weights}, which plays {trained.played}, was trained with "
-            f"{', '.join(needs)}, and here it would have {', '.join(has)}: add "
+            f"{', '.join(needs)}, and here it would have {', '.join(has)}: give "
             f"{' '.join(dict.fromkeys(flags))}{other}."
         )
 

@@ -96,7 +96,7 @@ def test_a_given_network_that_does_not_fit_is_told_and_nothing_begun(stage: Stag
     policy = str(POLICIES / "robot_pong.safetensors")
     output = stage.learner("--env", "robot", "--initial", policy).ends(status=2)
     assert "robot_pong.safetensors, which plays pong" in output
-    assert "here it would have 0 numbers of proprioception: add --play.vector." in output
+    assert "here it would have 0 numbers of proprioception: give --play.vector." in output
     assert not stage.run.exists()
 
 

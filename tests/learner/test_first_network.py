@@ -109,9 +109,9 @@ def test_histories_that_shrink_lose_what_was_told_of_long_ago(tmp_path: Path) ->
 @pytest.mark.parametrize(
     ("before", "now", "advice"),
     [
-        (VECTOR, (), "add --play.vector"),
-        ((*ALE, *NO_JOINTS), ALE, "add --play.vector"),
-        ((), (*VECTOR, "--play.frame-stack", "3"), "add --play.frame-stack 4"),
+        (VECTOR, (), "give --play.vector"),
+        ((*ALE, *NO_JOINTS), ALE, "give --play.vector"),
+        ((), (*VECTOR, "--play.frame-stack", "3"), "give --play.frame-stack 4"),
     ],
 )
 def test_what_it_cannot_do_without_is_told(
@@ -147,7 +147,7 @@ def test_a_run_has_the_layers_of_the_network_that_it_begins_with_and_else_its_pr
 def test_a_flag_for_other_layers_than_those_it_begins_with_is_refused(tmp_path: Path) -> None:
     _, file = kept(config(OTHER_LAYERS), tmp_path)
     asked = begun_with(file, "--learning.quantiles", "8").config
-    with pytest.raises(InputError, match=r"9 outputs.*8 outputs.*add --learning.quantiles 9\."):
+    with pytest.raises(InputError, match=r"9 outputs.*8 outputs.*give --learning.quantiles 9\."):
         read_network(file, asked)
 
 

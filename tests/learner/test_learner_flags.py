@@ -475,12 +475,12 @@ def test_a_run_that_has_its_demonstrations_goes_on_without_their_package(
 @pytest.mark.parametrize(
     ("trained", "flags", "advice"),
     [
-        (QR, DQN, "add --learning.algorithm qr_dqn"),
-        (("--play.vector",), (), "add --play.vector"),
+        (QR, DQN, "give --learning.algorithm qr_dqn"),
+        (("--play.vector",), (), "give --play.vector"),
         (
             ("--learning.no-center-pixels",),
             ("--learning.center-pixels",),
-            "add --learning.no-center-pixels",
+            "give --learning.no-center-pixels",
         ),
     ],
 )

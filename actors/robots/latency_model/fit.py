@@ -183,7 +183,8 @@ def run(options: FitOptions) -> None:
     changes = int((np.diff(tested.held) != 0).sum())
     print(
         f"wrote {options.output}: in {len(tested.held):,} other frames with {changes:,} changes of "
-        f"keys, it holds other keys than {options.robot} in {differing(weights, tested):.2%}."
+        f"keys, it holds other keys than {options.robot} in {differing(weights, tested):.2%}.\n"
+        f"play by it: --robot {options.output} --play.robot-settings rate={FRAMES_PER_SECOND}"
     )
 
 

@@ -30,37 +30,37 @@ def changed(setting: str, value: Any) -> RunConfig:
 @pytest.mark.parametrize(
     ("setting", "value", "words"),
     [
-        ("play.vector", False, "144 numbers of .* have 0 numbers of .*: add --play.vector"),
-        ("play.robot", "robotroller", "here it would have 134 numbers of .*: add --robot nao"),
-        ("env", "ale", "144 numbers .* 128 numbers .*: add --env robot"),
-        ("play.vector_commands", 9, r"add --play\.vector-commands 6"),
-        ("game", "breakout", "6 actions, .* 4 .*: add --game pong, or name a network of breakout"),
-        ("play.minimal_actions", False, r"6 actions, .* 18 actions: add --play\.minimal-actions"),
-        ("play.frame_stack", 3, r"4 frames per state, .* 3 frames .*: add --play\.frame-stack 4"),
+        ("play.vector", False, "144 numbers of .* have 0 numbers of .*: give --play.vector"),
+        ("play.robot", "robotroller", "here it would have 134 numbers of .*: give --robot nao"),
+        ("env", "ale", "144 numbers .* 128 numbers .*: give --env robot"),
+        ("play.vector_commands", 9, r"give --play\.vector-commands 6"),
+        ("game", "breakout", "6 actions, .* 4 .*: give --game pong, or name a network of breakout"),
+        ("play.minimal_actions", False, r"6 actions, .* 18 actions: give --play\.minimal-actions"),
+        ("play.frame_stack", 3, r"4 frames per state, .* 3 frames .*: give --play\.frame-stack 4"),
         (
             *("learning.network", "nips"),
-            r"of nature, normalised, .* of nips, normalised: add --learning\.network nature",
+            r"of nature, normalised, .* of nips, normalised: give --learning\.network nature",
         ),
         (
             *("learning.center_pixels", False),
             r"pixels that are scaled, centred and differenced, .* scaled and differenced: "
-            r"add --learning\.center-pixels",
+            r"give --learning\.center-pixels",
         ),
         (
             *("learning.scale_pixels", False),
             r"scaled, centred and differenced, .* centred and differenced: "
-            r"add --learning\.scale-pixels",
+            r"give --learning\.scale-pixels",
         ),
         (
             *("learning.frame_differences", False),
             r"scaled, centred and differenced, .* scaled and centred: "
-            r"add --learning\.frame-differences",
+            r"give --learning\.frame-differences",
         ),
         (
             *("learning.layer_norm", False),
-            r"layers of nature, normalised, .* of nature: add --learning\.layer-norm",
+            r"layers of nature, normalised, .* of nature: give --learning\.layer-norm",
         ),
-        ("learning.algorithm", "dqn", r"51 outputs per .*: add --learning\.algorithm qr_dqn"),
+        ("learning.algorithm", "dqn", r"51 outputs per .*: give --learning\.algorithm qr_dqn"),
     ],
 )
 def test_a_network_of_another_shape_says_the_flag_under_which_it_fits(
@@ -72,7 +72,7 @@ def test_a_network_of_another_shape_says_the_flag_under_which_it_fits(
 
 def test_a_flag_is_quoted_as_a_shell_needs_it() -> None:
     trained = changed("play.robot", "my hand.npz")
-    with pytest.raises(InputError, match=r": add --robot 'my hand\.npz'\.$"):
+    with pytest.raises(InputError, match=r": give --robot 'my hand\.npz'\.$"):
         check_fit(FILE, trained, changed("play.robot", "robotroller"))
 
 
@@ -82,7 +82,7 @@ def test_all_that_does_not_fit_is_told_at_once() -> None:
     words = (
         r"with 144 numbers of proprioception, pixels that are scaled, centred and differenced, "
         r"and here it would have 0 numbers of proprioception, pixels that are as they are: "
-        r"add --play\.vector --learning\.scale-pixels --learning\.center-pixels "
+        r"give --play\.vector --learning\.scale-pixels --learning\.center-pixels "
         r"--learning\.frame-differences\.$"
     )
     with pytest.raises(InputError, match=words):
@@ -125,7 +125,7 @@ def test_settings_that_an_extension_declares_shape_its_network_too() -> None:
     )
     words = (
         r"with 5 actions, 5 numbers of proprioception, 5 outputs per action, and here it would "
-        r"have 3 actions, 3 numbers of proprioception, 2 outputs per action: add "
+        r"have 3 actions, 3 numbers of proprioception, 2 outputs per action: give "
         r"--play\.env-settings 'size=5 name='\"'\"'a b'\"'\"'' "
         r"--learning\.algorithm-settings size=5\.$"
     )

@@ -332,5 +332,5 @@ def test_options_out_of_bounds_are_refused(options: EvaluationOptions, words: st
 def test_a_network_of_another_shape_is_refused_before_anything_is_played() -> None:
     trained = PRESETS["robot"]
     config = replace(trained, game="breakout")
-    with pytest.raises(InputError, match="here it would have 4 actions: add --game pong"):
+    with pytest.raises(InputError, match="here it would have 4 actions: give --game pong"):
         evaluated(EvaluationOptions(Path("p.safetensors")), config, trained)

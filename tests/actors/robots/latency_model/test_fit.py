@@ -83,9 +83,10 @@ def test_the_command_writes_a_model_and_tells_how_good_it_is(
     assert weights.fc_weight.shape == (16, 1080)
     told = capsys.readouterr().out
     assert told.startswith(f"wrote {file}: in 120 other frames with ")
+    assert told.endswith(f"\nplay by it: --robot {file} --play.robot-settings rate=60\n")
     share = differing(weights, recorded(delay(5), 300))
     assert share < 0.05
-    assert told.endswith("%.\n")
+    assert "%.\n" in told
 
 
 @pytest.mark.parametrize(

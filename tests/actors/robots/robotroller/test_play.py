@@ -68,6 +68,6 @@ def test_a_policy_that_feels_naos_joints_cannot_play_on_it(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     weights = ROOT / "policies" / "robot_pong.safetensors"
-    words = r"with 144 numbers of proprioception, .* 134 numbers .*: add --robot nao\.$"
+    words = r"with 144 numbers of proprioception, .* 134 numbers .*: give --robot nao\.$"
     with pytest.raises(InputError, match=words):
         command(monkeypatch, "play", str(weights), "--robot", "robotroller")
