@@ -109,7 +109,7 @@ def test_settings_other_than_the_runs_are_played_under_and_told(
 
 def test_what_does_not_fit_other_settings_is_told(run: Path, stage: Stage) -> None:
     for flag, words in (
-        ("--play.no-minimal-actions", "add --play.minimal-actions."),
+        ("--play.no-minimal-actions", "give --play.minimal-actions."),
         ("--play.vector", "trained with 0 numbers of proprioception"),
     ):
         assert words in _evaluate(stage, run / "snapshots" / "best.safetensors", flag, status=2)
