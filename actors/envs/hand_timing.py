@@ -44,6 +44,7 @@ def key_latencies(
     for key in keys:
         tries = [_try(hands, key, rest, give) for rest in _RESTS]
         latency = HandLatency(*map(min, zip(*tries, strict=True)))
+        # What is never pressed is never held either.
         latencies[key] = latency._replace(release=0) if latency.press == LONGEST else latency
     return latencies
 

@@ -85,7 +85,8 @@ class LatencyEqualiser:
 
     def step_frame(self) -> Keys:
         self._schedule.command(self._wanted)
-        if (due := self._due() if self._plan is None else self._planned(self._plan)) != self._told:
+        due = self._due() if self._plan is None else self._planned(self._plan)
+        if due != self._told:
             self._give(self._given_ago(due))
             self._told = due
             self._hands.command(Keys(due))
