@@ -57,8 +57,8 @@ class QNetwork(nn.Module):
         # Centred pixels have a standard deviation of about 64 grey levels.
         scale = 1 / 64 if learning.center_pixels else 1 / 255
         self.pixel_scale = scale if learning.scale_pixels else 1.0
-        self._center_pixels = learning.center_pixels
-        self._frame_differences = learning.frame_differences
+        self.center_pixels = learning.center_pixels
+        self.frame_differences = learning.frame_differences
         layers = LAYERS[learning.network]
         convolutions: list[nn.Module] = []
         channels, side = frame_stack, FRAME_SHAPE[0]
@@ -107,7 +107,7 @@ class QNetwork(nn.Module):
         pairs = zip(pixels.unbind(1), frames.unbind(1), strict=True)
         # One frame at a time: PyTorch's conversion of all with a change of layout takes twice as
         # long, and differences within the new layout four times (benchmarks/LOG.md).
-        if self._frame_differences:
+        if self.frame_differences:
             before = self._grey(frames[:, :1], dtype)  # the oldest frame's is its mean
             for converted, original in pairs:
                 frame = original.to(dtype)
@@ -116,14 +116,14 @@ class QNetwork(nn.Module):
         else:
             for converted, original in pairs:
                 converted.copy_(original)
-            if self._center_pixels:
+            if self.center_pixels:
                 pixels -= self._grey(frames, dtype).unsqueeze(1)
         return pixels
 
     def _grey(self, frames: Tensor, dtype: torch.dtype) -> Tensor:
         """Returns what is subtracted from the pixels of each state, ``[batch, 1, 1]``: the mean
         over its ``frames``, or 0 if pixels are not centred."""
-        if not self._center_pixels:
+        if not self.center_pixels:
             return torch.zeros(len(frames), 1, 1, dtype=dtype, device=frames.device)
         return frames.flatten(1).float().mean(dim=1).round().to(dtype).view(-1, 1, 1)
 
@@ -139,11 +139,16 @@ class QNetwork(nn.Module):
 
     def atoms(self, frames: Tensor, vectors: Tensor) -> Tensor:
         """Returns the last layer's outputs, ``float32 [batch, actions, atoms]``."""
-        hidden = self.hidden(self._features(frames, vectors))
+        hidden = self.hidden_units(frames, vectors)
         if self.norm is not None:  # in float32, whatever the precision of the layers
             hidden = self.norm(hidden.float()).to(hidden.dtype)
         numbers: Tensor = self.actions(relu(hidden)).float()
         return numbers.view(len(numbers), self.action_count, -1)
+
+    def hidden_units(self, frames: Tensor, vectors: Tensor) -> Tensor:
+        """Returns the first dense layer's outputs, ``[batch, hidden]``, before their ReLU."""
+        units: Tensor = self.hidden(self._features(frames, vectors))
+        return units
 
     def _features(self, frames: Tensor, vectors: Tensor) -> Tensor:
         """Returns the input of the first dense layer, ``[batch, features]``."""

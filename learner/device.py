@@ -13,6 +13,7 @@ if TYPE_CHECKING:  # a command line is parsed without PyTorch
 
 DeviceChoice = Literal["auto", "cpu", "cuda"]
 PrecisionChoice = Literal["auto", "float32", "bfloat16"]
+KernelChoice = Literal["auto", "torch", "native"]
 
 
 @dataclass(frozen=True)
@@ -24,11 +25,14 @@ class Device:
     """Whether an update computes its layers in bfloat16."""
     graphs: bool = False
     """Whether an update is recorded as a CUDA graph, see `learner.algorithm.cuda_graph`."""
+    native: bool = False
+    """Whether `common.native` computes what it can of an update in bfloat16."""
 
     @property
     def name(self) -> str:
         """Device and precision for people: ``cpu (bfloat16)``."""
-        return f"{self.torch.type} ({'bfloat16' if self.bfloat16 else 'float32'})"
+        kernel = ", native" if self.native else ""
+        return f"{self.torch.type} ({'bfloat16' if self.bfloat16 else 'float32'}{kernel})"
 
     def figures(self) -> dict[str, Value]:
         """Returns memory and utilisation of the GPU, by all programs; nothing without CUDA.
@@ -52,7 +56,11 @@ class Device:
 
 
 def choose_device(
-    device: DeviceChoice, precision: PrecisionChoice, *, graphs: bool = False
+    device: DeviceChoice,
+    precision: PrecisionChoice,
+    kernel: KernelChoice = "auto",
+    *,
+    graphs: bool = False,
 ) -> Device:
     """Returns the requested device; 'auto' takes CUDA if it is available.
 
@@ -60,8 +68,12 @@ def choose_device(
     half the time. A warning tells of bfloat16 that is not native. Without CUDA, ``graphs`` has no
     effect.
 
+    Kernel 'auto' takes the compiled code where it is faster: on a processor that multiplies vectors
+    of bfloat16, but not tiles of it (AMX), for which PyTorch has good code. A warning tells if it
+    cannot be compiled there.
+
     Raises:
-        InputError: CUDA was requested but is not available.
+        InputError: CUDA or the compiled code was requested but is not available.
     """
     import torch
 
@@ -81,4 +93,39 @@ def choose_device(
             "warning",
         )
     bfloat16 = native if precision == "auto" else precision == "bfloat16"
-    return Device(torch.device(kind), bfloat16, graphs and kind == "cuda")
+    vectors = kind == "cpu" and bfloat16 and bool(cpu.get("avx512_bf16"))
+    compiled = _choose_kernel(kernel, can=vectors, should=vectors and not cpu.get("amx_bf16"))
+    return Device(torch.device(kind), bfloat16, graphs and kind == "cuda", compiled)
+
+
+def _choose_kernel(kernel: KernelChoice, *, can: bool, should: bool) -> bool:
+    """Returns whether to use the compiled code, which is then there.
+
+    Args:
+        can: whether it computes what is asked for, on this hardware.
+        should: whether 'auto' takes it.
+
+    Raises:
+        InputError: it was requested, but cannot be used.
+    """
+    from common.native.library import NativeUnavailableError, library
+
+    if kernel == "native" and not can:
+        raise InputError(
+            "the native kernel computes in bfloat16 on a processor with AVX-512 bf16: omit "
+            "--kernel native."
+        )
+    if kernel == "torch" or not (should or kernel == "native"):
+        return False
+    try:
+        library()
+    except NativeUnavailableError as error:
+        if kernel == "native":
+            raise InputError(f"the native kernel is not available: {error}.") from None
+        say_aside(
+            f"warning: updates take twice as long as they could, because their native kernel is "
+            f"not available: {error}.",
+            "warning",
+        )
+        return False
+    return True

@@ -50,7 +50,9 @@ def train(options: LearnerOptions, again: bool) -> int:
     sign = signer(options.certificates)
     network = first_network(options, folder)
     demonstrations = begin_with(options.demonstrations, config, folder, resume=options.resume)
-    device = choose_device(options.device, options.precision, graphs=options.cuda_graphs)
+    device = choose_device(
+        options.device, options.precision, options.kernel, graphs=options.cuda_graphs
+    )
     algorithm = build_algorithm(config, network, device)
     keep_large_blocks()
     torch.set_num_threads(options.threads or free_cores(options))

@@ -1,4 +1,4 @@
-"""The precision in which a network computes: its own float32, or a bfloat16 copy of it.
+"""The precision in which a network computes: its own float32, or bfloat16 from a copy of it.
 
 The small steps of an optimizer would vanish in bfloat16's 8 bits, so the master weights stay
 float32, and a copy does the multiplying. The arithmetic is that of `torch.autocast`. But autocast
@@ -6,46 +6,94 @@ casts all weights in every pass, into new memory, which costs a third of an upda
 """
 
 import copy
+from collections.abc import Sequence
 
 import torch
 from torch import Tensor, nn
 
+from common.native.network import NativeQNetwork
 from common.network import QNetwork
 from learner.device import Device
 
 
-class Precision:
-    """How a network with float32 master weights computes on ``device``."""
+def precision_of(master: QNetwork, device: Device) -> "Precision":
+    """Returns how ``master`` computes on ``device``: by the compiled code if that is chosen and
+    knows its layers."""
+    if device.native and NativeQNetwork.fits(master):
+        return NativePrecision(master)
+    return Bfloat16Precision(master) if device.bfloat16 else Precision(master)
 
-    def __init__(self, master: QNetwork, device: Device) -> None:
-        self.dtype = torch.bfloat16 if device.bfloat16 else torch.float32
-        """Type of the pixels that `network` takes."""
-        self.network = _bfloat16_copy(master) if device.bfloat16 else master
+
+class Precision:
+    """Computes in float32, with the master weights themselves."""
+
+    dtype = torch.float32
+    """Type of the pixels that `network` takes."""
+
+    def __init__(self, master: QNetwork) -> None:
+        self.network: QNetwork = master
         """The network to compute with."""
-        self._is_copy = device.bfloat16
-        self._masters: list[Tensor] = list(master.parameters())
-        self._copies: list[Tensor] = list(self.network.parameters())
-        if self._is_copy:
-            # The copy must follow when a checkpoint or a sync of the target loads whole weights.
-            master.register_load_state_dict_post_hook(  # type: ignore[no-untyped-call]
-                lambda *_: self.sync_from_master()
-            )
+
+    def as_pixels(self, frames: Tensor) -> Tensor:
+        """Returns uint8 frames as `network` takes them, see `QNetwork.as_pixels`."""
+        return self.network.as_pixels(frames, self.dtype)
 
     def backward(self, loss: Tensor) -> None:
         """Computes the gradients of ``loss``, an output of `network`, for the master weights."""
         self.network.zero_grad(set_to_none=True)
         loss.backward()  # type: ignore[no-untyped-call]
-        if self._is_copy:
-            for master in self._masters:
-                if master.grad is None:
-                    master.grad = torch.zeros_like(master)
-            torch._foreach_copy_(_gradients(self._masters), _gradients(self._copies))
+
+    def sync_from_master(self) -> None:
+        """Takes over the present master weights."""
+
+
+class Bfloat16Precision(Precision):
+    """Computes in bfloat16, with a copy of the weights."""
+
+    dtype = torch.bfloat16
+
+    def __init__(self, master: QNetwork) -> None:
+        super().__init__(_bfloat16_copy(master))
+        self._masters: list[Tensor] = list(master.parameters())
+        self._copies: list[Tensor] = list(self.network.parameters())
+        _follow(master, self)
+
+    def backward(self, loss: Tensor) -> None:
+        super().backward(loss)
+        for master in self._masters:
+            if master.grad is None:
+                master.grad = torch.zeros_like(master)
+        torch._foreach_copy_(_gradients(self._masters), _gradients(self._copies))
 
     @torch.no_grad()
     def sync_from_master(self) -> None:
-        """Copies the present master weights into `network`."""
-        if self._is_copy:
-            torch._foreach_copy_(self._copies, self._masters)
+        torch._foreach_copy_(self._copies, self._masters)
+
+
+class NativePrecision(Precision):
+    """Computes the large layers in bfloat16 by compiled code, the others in float32."""
+
+    dtype = torch.bfloat16
+
+    def __init__(self, master: QNetwork) -> None:
+        self._native = NativeQNetwork(master)
+        super().__init__(self._native)
+        _follow(master, self)
+
+    def backward(self, loss: Tensor) -> None:
+        super().backward(loss)
+        self._native.backward()
+
+    def sync_from_master(self) -> None:
+        self._native.pack()
+
+
+def _follow(master: QNetwork, precision: Precision) -> None:
+    """Makes ``precision`` take over whole weights that a checkpoint or a sync of the target
+    loads."""
+    master.register_load_state_dict_post_hook(  # type: ignore[no-untyped-call]
+        lambda *_: precision.sync_from_master()
+    )
 
 
 def _bfloat16_copy(master: QNetwork) -> QNetwork:
@@ -58,5 +106,5 @@ def _bfloat16_copy(master: QNetwork) -> QNetwork:
     return copied
 
 
-def _gradients(parameters: list[Tensor]) -> list[Tensor]:
+def _gradients(parameters: Sequence[Tensor]) -> list[Tensor]:
     return [p.grad for p in parameters if p.grad is not None]

@@ -8,7 +8,7 @@ from typing import TypeVar
 import torch
 
 from common.network import QNetwork
-from learner.algorithm.precision import Precision
+from learner.algorithm.precision import precision_of
 from learner.device import Device
 
 T = TypeVar("T")
@@ -21,7 +21,7 @@ class TargetNetwork:
         self.network = copy.deepcopy(online).requires_grad_(False)
         self.version = 0
         """Number of syncs so far; outputs of an older version are stale."""
-        self._precision = Precision(self.network, device)
+        self._precision = precision_of(self.network, device)
         self._lock = threading.Lock()
 
     def evaluate(self, outputs: Callable[[QNetwork], T]) -> tuple[T, int]:

@@ -18,7 +18,7 @@ from learner.algorithm.cuda_graph import RecordedStep, Step
 from learner.algorithm.ema import EmaNetwork
 from learner.algorithm.interface import DeviceBatch, Prepared, Update
 from learner.algorithm.optimizers import BoundedOptimizer
-from learner.algorithm.precision import Precision
+from learner.algorithm.precision import precision_of
 from learner.algorithm.target_network import TargetNetwork
 from learner.device import Device
 
@@ -47,10 +47,10 @@ class ValueBased:
         self._loss = loss
         self._device = device.torch
         self._augmentation = RandomShift(config.random_shift, seed)
-        # Copies before `Precision`: a later copy would also copy its hook, and sync the original.
+        # Copies before `precision_of`: a later copy would copy its hook, and sync the original.
         self._target = TargetNetwork(self.online, device)
         self._published = EmaNetwork(self.online, config.weights_average)
-        self._precision = Precision(self.online, device)
+        self._precision = precision_of(self.online, device)
         self._optimizer = BoundedOptimizer(self.online.parameters(), config)
         self._graphs = device.graphs
         self._step = self._new_step()
@@ -67,9 +67,8 @@ class ValueBased:
 
     def prepare(self, batch: DeviceBatch) -> Prepared:
         batch = self._augmentation(batch)
-        dtype = self._precision.dtype
-        pixels_tm1 = self.online.as_pixels(batch.s_tm1, dtype)
-        pixels_t = self.online.as_pixels(batch.s_t, dtype)
+        pixels_tm1 = self._precision.as_pixels(batch.s_tm1)
+        pixels_t = self._precision.as_pixels(batch.s_t)
         return self._with_target(Prepared(batch, pixels_tm1, pixels_t))
 
     def _with_target(self, prepared: Prepared) -> Prepared:

@@ -10,7 +10,7 @@ import torch
 from common.network import QNetwork
 from common.run.config import LearningConfig
 from learner.algorithm.double_dqn import double_dqn
-from learner.algorithm.precision import Precision
+from learner.algorithm.precision import Bfloat16Precision, precision_of
 from learner.algorithm.target_network import TargetNetwork
 from learner.algorithm.value_based import ValueBased
 from learner.device import Device
@@ -182,7 +182,7 @@ def test_bfloat16_is_what_autocast_computes() -> None:
 
 def test_a_bfloat16_copy_takes_over_weights_that_are_loaded() -> None:
     original = _network()
-    half = Precision(original, CPU_BFLOAT16)
+    half = precision_of(original, CPU_BFLOAT16)
     assert {p.dtype for p in half.network.hidden.parameters()} == {torch.bfloat16}
     original.load_state_dict(_network(1).state_dict())
     for ours, theirs in zip(half.network.parameters(), original.parameters(), strict=True):
@@ -205,8 +205,8 @@ def test_a_sync_of_the_target_leaves_the_online_copy_alone(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     algorithm = double_dqn(_network(), LearningConfig(), CPU_BFLOAT16)
-    synced: list[Precision] = []
-    monkeypatch.setattr(Precision, "sync_from_master", lambda self: synced.append(self))
+    synced: list[Bfloat16Precision] = []
+    monkeypatch.setattr(Bfloat16Precision, "sync_from_master", lambda self: synced.append(self))
     algorithm._target.sync(algorithm.online)
     assert synced == [algorithm._target._precision]
 

@@ -1,0 +1,99 @@
+"""The library of ``trunk.cpp``: it is compiled once for a machine, kept, and loaded."""
+
+import hashlib
+import os
+import shutil
+import stat
+import subprocess
+import tempfile
+from ctypes import CDLL, c_float, c_int, c_long, c_void_p
+from functools import cache
+from pathlib import Path
+
+_SOURCE = Path(__file__).with_name("trunk.cpp")
+_FLAGS = ("-std=c++20", "-O3", "-march=x86-64-v4", "-mavx512bf16", "-shared", "-fPIC", "-pthread")
+_COMPILERS = ("c++", "g++", "clang++")
+_SECONDS = 300
+"""Maximum time to compile, which takes three seconds on a free core."""
+
+_ARGUMENTS = {
+    "trunk_pixels": (c_void_p, c_void_p, c_long, c_int, c_int, c_int),
+    "trunk_new": (),
+    "trunk_free": (c_void_p,),
+    "trunk_pack": (c_void_p, c_void_p, c_void_p, c_long, c_float, c_int),
+    "trunk_forward": (c_void_p, c_void_p, c_long, c_int, c_void_p, c_int),
+    "trunk_backward": (
+        *(c_void_p, c_void_p, c_long, c_void_p, c_void_p, c_void_p),
+        *(c_long, c_int),
+    ),
+}
+
+
+class NativeUnavailableError(Exception):
+    """There is no compiled library; the text says why."""
+
+
+@cache
+def library() -> CDLL:
+    """Returns the library, and compiles it if this user never did so with this compiler.
+
+    Raises:
+        NativeUnavailableError: there is no compiler, or it failed, or the file cannot be trusted.
+    """
+    try:
+        loaded = CDLL(str(_compiled()))
+    except OSError as error:
+        raise NativeUnavailableError(str(error)) from None
+    for name, arguments in _ARGUMENTS.items():
+        function = getattr(loaded, name)
+        function.argtypes, function.restype = arguments, None
+    loaded.trunk_new.restype = c_void_p
+    return loaded
+
+
+def _compiled() -> Path:
+    """Returns the compiled file. Raises OSError or NativeUnavailableError."""
+    compiler = os.environ.get("CXX") or next(filter(shutil.which, _COMPILERS), None)
+    if compiler is None:
+        raise NativeUnavailableError("there is no C++ compiler here: install g++ or clang")
+    version = _run([compiler, "--version"])
+    told = "\n".join((_SOURCE.read_text(), *_FLAGS, version))
+    path = _folder() / f"trunk-{hashlib.sha256(told.encode()).hexdigest()[:16]}.so"
+    if not path.exists():
+        with tempfile.TemporaryDirectory(dir=path.parent) as folder:
+            made = Path(folder, path.name)
+            _run([compiler, *_FLAGS, str(_SOURCE), "-o", str(made)])
+            made.rename(path)  # at once, or another process would load half of it
+    _check_own(path)
+    return path
+
+
+def _folder() -> Path:
+    """Returns the folder of compiled files, which only this user may change."""
+    caches = os.environ.get("XDG_CACHE_HOME")
+    folder = (Path(caches) if caches else Path.home() / ".cache") / "ale-robot"
+    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    _check_own(folder)
+    return folder
+
+
+def _check_own(path: Path) -> None:
+    """Refuses to run code that another user could have written. Raises NativeUnavailableError."""
+    status = path.stat()
+    if status.st_uid != os.geteuid() or status.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
+        raise NativeUnavailableError(
+            f"other users may write {path}: remove it, or name a folder of your own by "
+            "XDG_CACHE_HOME"
+        )
+
+
+def _run(command: list[str]) -> str:
+    """Returns what ``command`` prints. Raises NativeUnavailableError if it fails."""
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, timeout=_SECONDS)
+    except (OSError, subprocess.TimeoutExpired) as error:
+        raise NativeUnavailableError(f"the compiler cannot run: {error}") from None
+    if done.returncode:
+        first = next(iter(done.stderr.splitlines()), f"exit code {done.returncode}")
+        raise NativeUnavailableError(f"{command[0]} cannot compile it: {first}")
+    return done.stdout

@@ -1,0 +1,133 @@
+"""`NativeQNetwork`: a Q-network whose large layers are computed by `common/native/trunk.cpp`."""
+
+import weakref
+from collections.abc import Sequence
+from ctypes import c_void_p
+from typing import NamedTuple
+
+import torch
+from torch import Tensor, nn
+from torch.nn.functional import linear
+
+from common.native.library import library
+from common.network import QNetwork
+
+_KERNELS = [((32, 4, 8, 8), (4, 4)), ((64, 32, 4, 4), (2, 2)), ((64, 64, 3, 3), (1, 1))]
+"""Shapes of the convolutions' weights, and strides, for which the code is written."""
+_FEATURES, _HIDDEN = 64 * 7 * 7, 512
+_PIXELS = (21, 21, 64)
+"""A state's pixels: blocks down and across, and the 4 × 4 pixels of each in all four frames."""
+
+
+class _Kept(NamedTuple):
+    """What a forward pass with gradients leaves for the backward pass."""
+
+    pixels: Tensor
+    units: Tensor
+    """Outputs of the compiled code, which get a gradient."""
+    vector_weight: Tensor
+    """Weights of the vectors, which get one too."""
+
+
+class NativeQNetwork(QNetwork):
+    """Computes what ``master`` computes, from the same parameters: convolutions and first dense
+    layer in bfloat16 with sums in float32, all else in float32.
+
+    The compiled code has its own copy of the weights: call `pack` whenever they have changed. It
+    keeps one forward pass with gradients at a time, which `backward` then takes.
+    """
+
+    def __init__(self, master: QNetwork) -> None:
+        """Raises NativeUnavailableError as `library` does."""
+        nn.Module.__init__(self)
+        self.__dict__.update(vars(master))  # its layers themselves, no copies
+        self._library = library()
+        self._trunk = c_void_p(self._library.trunk_new())
+        free = weakref.finalize(self, self._library.trunk_free, self._trunk)
+        free.atexit = False  # a thread may still compute with it then
+        layers: list[nn.Conv2d | nn.Linear] = [*_convolutions(master), master.hidden]
+        self._weights: list[Tensor] = [layer.weight for layer in layers]
+        self._biases = [layer.bias for layer in layers if layer.bias is not None]
+        # Kept for all updates: 6 MB of new memory for each would cost more than the arithmetic.
+        self._gradients = [torch.zeros_like(p) for p in (*self._weights, *self._biases)]
+        self._kept: _Kept | None = None
+        self.pack()
+
+    @staticmethod
+    def fits(network: QNetwork) -> bool:
+        """Returns whether the code is written for the layers of ``network``."""
+        kernels = [(tuple(m.weight.shape), m.stride) for m in _convolutions(network)]
+        return (
+            type(network) is QNetwork
+            and kernels == _KERNELS
+            and network.hidden.out_features == _HIDDEN
+        )
+
+    @torch.no_grad()
+    def pack(self) -> None:
+        """Takes over the present weights."""
+        self._library.trunk_pack(
+            *(self._trunk, _addresses(self._weights), _addresses(self._biases)),
+            *(self.hidden.in_features, self.pixel_scale, torch.get_num_threads()),
+        )
+
+    def as_pixels(self, frames: Tensor, dtype: torch.dtype = torch.bfloat16) -> Tensor:
+        """Returns ``frames`` as `hidden_units` takes them, ``bfloat16 [batch, 21, 21, 64]``."""
+        assert dtype == torch.bfloat16
+        frames = frames.contiguous()
+        pixels = torch.empty(len(frames), *_PIXELS, dtype=dtype)
+        self._library.trunk_pixels(
+            *(frames.data_ptr(), pixels.data_ptr(), len(frames)),
+            *(self.frame_differences, self.center_pixels, torch.get_num_threads()),
+        )
+        return pixels
+
+    def hidden_units(self, frames: Tensor, vectors: Tensor) -> Tensor:
+        pixels = frames if frames.is_floating_point() else self.as_pixels(frames)
+        assert pixels.shape[1:] == _PIXELS
+        assert pixels.dtype == torch.bfloat16
+        differentiable = torch.is_grad_enabled()
+        if differentiable and self._kept is not None:
+            raise RuntimeError(
+                "the native kernel takes one forward pass with gradients per update, and the loss "
+                "takes more: give --kernel torch."
+            )
+        units = torch.empty(len(pixels), _HIDDEN)
+        self._library.trunk_forward(
+            *(self._trunk, pixels.data_ptr(), len(pixels), differentiable),
+            *(units.data_ptr(), torch.get_num_threads()),
+        )
+        weight = self.hidden.weight[:, _FEATURES:].detach()
+        if differentiable:
+            self._kept = _Kept(pixels, units.requires_grad_(), weight.requires_grad_())
+        return units + linear(vectors, weight) if vectors.shape[1] else units
+
+    @torch.no_grad()
+    def backward(self) -> None:
+        """Gives the layers of the compiled code their gradients, from that of the units; none if
+        the loss did not depend on them."""
+        kept, self._kept = self._kept, None
+        if kept is None or kept.units.grad is None:
+            return
+        weights, biases = self._gradients[:4], self._gradients[4:]
+        of_units = kept.units.grad.contiguous()
+        self._library.trunk_backward(
+            *(self._trunk, kept.pixels.data_ptr(), len(of_units), of_units.data_ptr()),
+            *(_addresses(weights), _addresses(biases)),
+            *(self.hidden.in_features, torch.get_num_threads()),
+        )
+        if kept.vector_weight.grad is not None:
+            weights[-1][:, _FEATURES:] = kept.vector_weight.grad
+        for parameter, gradient in zip(
+            (*self._weights, *self._biases), self._gradients, strict=True
+        ):
+            parameter.grad = gradient
+
+
+def _convolutions(network: QNetwork) -> list[nn.Conv2d]:
+    return [layer for layer in network.convolutions if isinstance(layer, nn.Conv2d)]
+
+
+def _addresses(tensors: Sequence[Tensor]) -> object:
+    """Returns the addresses of ``tensors`` as C has them."""
+    return (c_void_p * len(tensors))(*(each.data_ptr() for each in tensors))

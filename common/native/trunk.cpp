@@ -1,0 +1,579 @@
+// The convolutions and the first dense layer of Mnih et al. 2015, forward and backward, in bfloat16.
+//
+// The instruction VDPBF16PS multiplies 32 pairs of bfloat16 and adds them to 16 sums of float32:
+// each sum takes two products at once. What is summed over must thus lie in pairs, side by side:
+//
+//   pass                        sums over            pairs of
+//   forward                     a kernel's inputs    inputs
+//   gradients of activations    a layer's outputs    outputs
+//   gradients of weights        states and places    states
+//
+// One operand of a product is a vector of 16 pairs, the other is a single pair, which is repeated.
+//
+// Activations are [state][y][x][channel]. Names end in the number of their layer; 0 are the pixels.
+// `a` are activations, `d` the gradients of the loss by what comes before their ReLU, `w` weights,
+// `g` gradients of weights. `pairs` hold two states, [y][x][channel][2].
+//
+// Callers check all sizes and addresses; see library.py.
+
+#include <immintrin.h>
+
+#include <atomic>
+#include <barrier>
+#include <cmath>
+#include <cstdint>
+#include <cstring>
+#include <memory>
+#include <thread>
+#include <vector>
+
+namespace {
+
+using bf16 = std::uint16_t;
+
+constexpr int FRAMES = 4, SIDE = 84;
+constexpr int BLOCK = 4;                     // the first layer's stride: pixels come in 4x4 blocks
+constexpr int S0 = SIDE / BLOCK;             // 21 blocks across
+constexpr int C0 = FRAMES * BLOCK * BLOCK;   // 64 pixels of a block, [frame][y][x]
+constexpr int S1 = 20, C1 = 32;              // kernel 8, stride 4: 2x2 blocks
+constexpr int S2 = 9, C2 = 64;               // kernel 4, stride 2
+constexpr int S3 = 7, C3 = 64;               // kernel 3, stride 1
+constexpr int FEATURES = C3 * S3 * S3;       // 3136, [channel][y][x] as PyTorch has them
+constexpr int HIDDEN = 512;
+constexpr int A0 = S0 * S0 * C0, A1 = S1 * S1 * C1, A2 = S2 * S2 * C2, A3 = S3 * S3 * C3;
+constexpr int K1 = 4 * C0, K2 = 16 * C1, K3 = 9 * C2;  // inputs of a kernel
+
+constexpr int LANES = 16;                    // sums in a vector
+constexpr int TILE = 2 * LANES;              // sums side by side in most products
+constexpr int ROWS = 8;                      // sums below each other in those of the dense layer
+constexpr int PADDED = S2 + 2;               // a row of d with zeros at both ends
+
+// ------------------------------------------------------------------------------------- vectors
+
+inline __m512bh load(const bf16* from) { return (__m512bh)_mm512_loadu_si512(from); }
+
+inline __m512bh repeat(const bf16* pair) {
+    std::int32_t both;
+    std::memcpy(&both, pair, sizeof both);
+    return (__m512bh)_mm512_set1_epi32(both);
+}
+
+inline void store(bf16* to, __m512 values) {
+    _mm256_storeu_si256((__m256i*)to, (__m256i)_mm512_cvtneps_pbh(values));
+}
+
+inline __m512i load_integers(const bf16* from) {
+    return _mm512_cvtepu16_epi32(_mm256_loadu_si256((const __m256i*)from));
+}
+
+// Writes a[0], b[0], a[1], b[1], ... of `count` values each, a multiple of 16.
+inline void interleave(const bf16* a, const bf16* b, bf16* to, int count) {
+    for (int i = 0; i < count; i += LANES) {
+        const __m512i high = _mm512_slli_epi32(load_integers(b + i), 16);
+        _mm512_storeu_si512(to + 2 * i, _mm512_or_si512(load_integers(a + i), high));
+    }
+}
+
+// Returns d where the activation is positive, else 0: the gradient before a ReLU.
+inline __m512 before_relu(__m512 d, const bf16* activation) {
+    const __m256i a = _mm256_loadu_si256((const __m256i*)activation);
+    return _mm512_maskz_mov_ps(_mm256_cmpgt_epi16_mask(a, _mm256_setzero_si256()), d);
+}
+
+// R rows of V vectors of sums, which the compiler keeps in registers.
+template <int R, int V = 2>
+struct Sums {
+    __m512 at[R][V];
+
+    template <class F>
+    inline void each(const F& change) {
+#pragma GCC unroll 32
+        for (int r = 0; r < R; r++)
+#pragma GCC unroll 4
+            for (int v = 0; v < V; v++) change(at[r][v], r, v);
+    }
+    inline void start_at_zero() {
+        each([](__m512& sum, int, int) { sum = _mm512_setzero_ps(); });
+    }
+    // Starts at floats whose rows are `row` apart; 0 repeats a single row.
+    inline void start_at(const float* from, long row) {
+        each([=](__m512& sum, int r, int v) { sum = _mm512_loadu_ps(from + r * row + v * LANES); });
+    }
+    // Adds `pairs` products: the single pairs of row r begin at single + r * row and are `next`
+    // apart, and the V vectors of each follow those of the one before.
+    inline void add(const bf16* single, long row, long next, const bf16* vectors, long pairs) {
+        for (long p = 0; p < pairs; p++) {
+            __m512bh vector[V];
+#pragma GCC unroll 4
+            for (int v = 0; v < V; v++) vector[v] = load(vectors + v * TILE);
+#pragma GCC unroll 32
+            for (int r = 0; r < R; r++) {
+                const __m512bh one = repeat(single + r * row);
+#pragma GCC unroll 4
+                for (int v = 0; v < V; v++) at[r][v] = _mm512_dpbf16_ps(at[r][v], one, vector[v]);
+            }
+            single += next;
+            vectors += V * TILE;
+        }
+    }
+    inline void write(float* to, long row) {
+        each([=](__m512& sum, int r, int v) { _mm512_storeu_ps(to + r * row + v * LANES, sum); });
+    }
+    // Not a number stays one: the maximum returns its second operand then.
+    inline void write_relu(bf16* to, long row) {
+        each([=](__m512& sum, int r, int v) {
+            store(to + r * row + v * LANES, _mm512_max_ps(_mm512_setzero_ps(), sum));
+        });
+    }
+    inline void write_before_relu(bf16* to, const bf16* activation, long row) {
+        each([=](__m512& sum, int r, int v) {
+            const long place = r * row + v * LANES;
+            store(to + place, before_relu(sum, activation + place));
+        });
+    }
+};
+
+// ------------------------------------------------------------------------------------- threads
+
+// Runs work(thread) in so many threads, of which the caller is the first.
+template <class F>
+void in_threads(int threads, const F& work) {
+    std::vector<std::thread> others;
+    for (int i = 1; i < threads; i++) others.emplace_back([&work, i] { work(i); });
+    work(0);
+    for (auto& each : others) each.join();
+}
+
+// Deals 0 to count - 1 out to threads.
+class Deal {
+  public:
+    explicit Deal(long count) : count_(count) {}
+    bool next(long& i) { return (i = next_.fetch_add(1, std::memory_order_relaxed)) < count_; }
+
+  private:
+    std::atomic<long> next_{0};
+    const long count_;
+};
+
+// --------------------------------------------------------------------------------- what is kept
+
+// The weights in the layouts of both passes.
+struct Weights {
+    alignas(64) bf16 w1[K1 / 2][C1][2];                // [input pair][output][2]
+    alignas(64) bf16 w2[2][K2 / 2][TILE][2];           // [half of the outputs][the same]
+    alignas(64) bf16 w3[2][K3 / 2][TILE][2];
+    alignas(64) bf16 back2[4][4][C2 / 2][C1][2];       // [y][x][output pair][input][2]
+    alignas(64) bf16 back3[2][3][3][C3 / 2][TILE][2];  // [half of the inputs][the same]
+    alignas(64) bf16 dense[HIDDEN][FEATURES];
+    alignas(64) bf16 back_dense[FEATURES / TILE][HIDDEN / 2][TILE][2];
+    alignas(64) float b1[C1], b2[C2], b3[C3], b4[HIDDEN];
+    float scale;                                       // of the first layer's weights
+};
+
+struct Activations {  // of one state
+    alignas(64) bf16 a1[A1], a2[A2], a3[A3];
+};
+
+struct Gradients {
+    alignas(64) float g1[K1][C1], g2[K2][C2], g3[K3][C3];
+    alignas(64) float b1[C1], b2[C2], b3[C3];
+};
+
+// One thread's memory.
+struct Scratch {
+    Activations activations;
+    Gradients sums;
+    alignas(64) bf16 a0_pairs[2 * A0], a1_pairs[2 * A1], a2_pairs[2 * A2];
+    alignas(64) bf16 d1_pairs[2 * A1], d2_pairs[2 * A2], d3_pairs[2 * A3];
+    alignas(64) bf16 d1[2][A1], d2[2][S2 * PADDED * C2], d3[2][S3 * PADDED * C3];
+};
+
+long up(long count, long multiple) { return (count + multiple - 1) / multiple; }
+
+template <class T>
+T* at_least(std::vector<T>& memory, long count) {
+    if ((long)memory.size() < count) memory.resize(count);
+    return memory.data();
+}
+
+// ------------------------------------------------------------------------------------- forward
+
+void convolve(const Weights& w, const bf16* a0, Activations& a) {
+    constexpr int ACROSS = S1 / 2;
+    for (int y = 0; y < S1; y++)
+        for (int x = 0; x < S1; x += ACROSS) {
+            Sums<ACROSS> sums;
+            sums.start_at(w.b1, 0);
+            for (int k = 0; k < 2; k++)
+                sums.add(a0 + ((y + k) * S0 + x) * C0, C0, 2, w.w1[k * C0][0], C0);
+            sums.write_relu(a.a1 + (y * S1 + x) * C1, C1);
+        }
+    for (int half = 0; half < 2; half++)
+        for (int y = 0; y < S2; y++) {
+            Sums<S2> sums;
+            sums.start_at(w.b2 + half * TILE, 0);
+            for (int k = 0; k < 4; k++)
+                sums.add(a.a1 + (2 * y + k) * S1 * C1, 2 * C1, 2, w.w2[half][k * 2 * C1][0], 2 * C1);
+            sums.write_relu(a.a2 + y * S2 * C2 + half * TILE, C2);
+        }
+    for (int half = 0; half < 2; half++)
+        for (int y = 0; y < S3; y++) {
+            Sums<S3> sums;
+            sums.start_at(w.b3 + half * TILE, 0);
+            for (int k = 0; k < 3; k++)
+                sums.add(a.a2 + (y + k) * S2 * C2, C2, 2, w.w3[half][k * 3 * C2 / 2][0], 3 * C2 / 2);
+            sums.write_relu(a.a3 + y * S3 * C3 + half * TILE, C3);
+        }
+}
+
+// ------------------------------------------------------------------------------------ backward
+
+void add_places(float* sums, const bf16* d, int places, int channels) {
+    for (int c = 0; c < channels; c += LANES) {
+        __m512 sum = _mm512_loadu_ps(sums + c);
+        for (int p = 0; p < places; p++) {
+            const __m512i value = _mm512_slli_epi32(load_integers(d + p * channels + c), 16);
+            sum = _mm512_add_ps(sum, _mm512_castsi512_ps(value));
+        }
+        _mm512_storeu_ps(sums + c, sum);
+    }
+}
+
+// Adds the gradients of R inputs' weights, by all V * 16 outputs at S x S places of two states.
+template <int R, int V, int S>
+inline void add_weights(float* g, const bf16* a_pairs, long row, long next, const bf16* d_pairs) {
+    Sums<R, V> sums;
+    sums.start_at(g, V * LANES);
+    for (int y = 0; y < S; y++)
+        sums.add(a_pairs + y * row, 2, next, d_pairs + y * S * V * TILE, S);
+    sums.write(g, V * LANES);
+}
+
+void third_layer(const Activations* const a[2], const float* const d_features[2], Scratch& s) {
+    for (int i = 0; i < 2; i++)
+        for (int y = 0; y < S3; y++) {
+            bf16* row = s.d3[i] + (y * PADDED + 2) * C3;
+            for (int x = 0; x < S3; x++) {
+                float d[C3];
+                for (int c = 0; c < C3; c++) d[c] = d_features[i][c * S3 * S3 + y * S3 + x];
+                for (int c = 0; c < C3; c += LANES) {
+                    const bf16* activation = a[i]->a3 + (y * S3 + x) * C3 + c;
+                    store(row + x * C3 + c, before_relu(_mm512_loadu_ps(d + c), activation));
+                }
+            }
+            add_places(s.sums.b3, row, S3, C3);
+        }
+    for (int y = 0; y < S3; y++) {
+        const int row = (y * PADDED + 2) * C3;
+        interleave(s.d3[0] + row, s.d3[1] + row, s.d3_pairs + 2 * y * S3 * C3, S3 * C3);
+    }
+    interleave(a[0]->a2, a[1]->a2, s.a2_pairs, A2);
+    for (int k = 0; k < K3; k += 4) {
+        const int y = k / C2 / 3, x = k / C2 % 3, c = k % C2;
+        add_weights<4, 4, S3>(s.sums.g3[k], s.a2_pairs + 2 * ((y * S2 + x) * C2 + c), 2 * S2 * C2,
+                              2 * C2, s.d3_pairs);
+    }
+}
+
+void second_layer(const Weights& w, const Activations* const a[2], Scratch& s) {
+    for (int i = 0; i < 2; i++)
+        for (int y = 0; y < S2; y++) {
+            bf16* row = s.d2[i] + (y * PADDED + 1) * C2;
+            for (int half = 0; half < 2; half++) {
+                Sums<S2> sums;
+                sums.start_at_zero();
+                for (int ky = 0; ky < 3; ky++) {
+                    const int from = y - ky;
+                    if (from < 0 || from >= S3) continue;
+                    for (int kx = 0; kx < 3; kx++)
+                        sums.add(s.d3[i] + (from * PADDED + 2 - kx) * C3, C3, 2,
+                                 w.back3[half][ky][kx][0][0], C3 / 2);
+                }
+                const int place = half * TILE;
+                sums.write_before_relu(row + place, a[i]->a2 + y * S2 * C2 + place, C2);
+            }
+            add_places(s.sums.b2, row, S2, C2);
+        }
+    for (int y = 0; y < S2; y++) {
+        const int row = (y * PADDED + 1) * C2;
+        interleave(s.d2[0] + row, s.d2[1] + row, s.d2_pairs + 2 * y * S2 * C2, S2 * C2);
+    }
+    interleave(a[0]->a1, a[1]->a1, s.a1_pairs, A1);
+    for (int k = 0; k < K2; k += 4) {
+        const int y = k / C1 / 4, x = k / C1 % 4, c = k % C1;
+        add_weights<4, 4, S2>(s.sums.g2[k], s.a1_pairs + 2 * ((y * S1 + x) * C1 + c), 4 * S1 * C1,
+                              4 * C1, s.d2_pairs);
+    }
+}
+
+void first_layer(const Weights& w, const bf16* const a0[2], const Activations* const a[2],
+                 Scratch& s) {
+    for (int i = 0; i < 2; i++) {
+        // With a stride of 2, every second place across got its outputs by the same weights.
+        for (int y = 0; y < S1; y++)
+            for (int odd = 0; odd < 2; odd++) {
+                Sums<S1 / 2> sums;
+                sums.start_at_zero();
+                for (int ky = y % 2; ky < 4; ky += 2) {
+                    const int from = (y - ky) / 2;
+                    if (y < ky || from >= S2) continue;
+                    for (int j = 0; j < 2; j++)
+                        sums.add(s.d2[i] + (from * PADDED + 1 - j) * C2, C2, 2,
+                                 w.back2[ky][odd + 2 * j][0][0], C2 / 2);
+                }
+                const int place = (y * S1 + odd) * C1;
+                sums.write_before_relu(s.d1[i] + place, a[i]->a1 + place, 2 * C1);
+            }
+        add_places(s.sums.b1, s.d1[i], S1 * S1, C1);
+    }
+    interleave(s.d1[0], s.d1[1], s.d1_pairs, A1);
+    interleave(a0[0], a0[1], s.a0_pairs, A0);
+    for (int k = 0; k < K1; k += 8) {
+        const int y = k / C0 / 2, x = k / C0 % 2, c = k % C0;
+        add_weights<8, 2, S1>(s.sums.g1[k], s.a0_pairs + 2 * ((y * S0 + x) * C0 + c), 2 * S0 * C0,
+                              2 * C0, s.d1_pairs);
+    }
+}
+
+// ------------------------------------------------------------------------------------ the trunk
+
+// Where PyTorch has the weight of input k of the first layer, [y][x][frame] of an 8x8 kernel.
+inline int of_pixel(int k) {
+    const int y = k / (2 * C0) * BLOCK + k / BLOCK % BLOCK, x = k / C0 % 2 * BLOCK + k % BLOCK;
+    return (y * 2 * BLOCK + x) * FRAMES + k / (BLOCK * BLOCK) % FRAMES;
+}
+
+class Trunk {
+  public:
+    void pack(const float* const weights[4], const float* const biases[4], long stride, float scale,
+              int threads) {
+        Weights& w = weights_;
+        w.scale = scale;
+        std::memcpy(w.b1, biases[0], sizeof w.b1);
+        std::memcpy(w.b2, biases[1], sizeof w.b2);
+        std::memcpy(w.b3, biases[2], sizeof w.b3);
+        std::memcpy(w.b4, biases[3], sizeof w.b4);
+        std::vector<bf16> rounded(C3 * K3);
+        for (int n = 0; n < C1; n++) {
+            float row[K1];
+            for (int k = 0; k < K1; k++) row[k] = weights[0][n * K1 + of_pixel(k)] * scale;
+            round_row(row, rounded.data(), K1);
+            for (int k = 0; k < K1; k += 2) std::memcpy(w.w1[k / 2][n], rounded.data() + k, 4);
+        }
+        round_row(weights[1], rounded.data(), C2 * K2);
+        for (int n = 0; n < C2; n++)
+            for (int k = 0; k < K2; k += 2)
+                std::memcpy(w.w2[n / TILE][k / 2][n % TILE], rounded.data() + n * K2 + k, 4);
+        for (int n = 0; n < C2; n += 2)
+            for (int k = 0; k < K2; k += C1) {
+                const bf16* row = rounded.data() + n * K2 + k;
+                interleave(row, row + K2, w.back2[k / C1 / 4][k / C1 % 4][n / 2][0], C1);
+            }
+        round_row(weights[2], rounded.data(), C3 * K3);
+        for (int n = 0; n < C3; n++)
+            for (int k = 0; k < K3; k += 2)
+                std::memcpy(w.w3[n / TILE][k / 2][n % TILE], rounded.data() + n * K3 + k, 4);
+        for (int n = 0; n < C3; n += 2)
+            for (int k = 0; k < K3; k += TILE) {
+                const bf16* row = rounded.data() + n * K3 + k;
+                const int place = k / C2, half = k / TILE % 2;
+                interleave(row, row + K3, w.back3[half][place / 3][place % 3][n / 2][0], TILE);
+            }
+        Deal rows(HIDDEN / 2);
+        in_threads(threads, [&](int) {
+            for (long n; rows.next(n);) {
+                round_row(weights[3] + 2 * n * stride, w.dense[2 * n], FEATURES);
+                round_row(weights[3] + (2 * n + 1) * stride, w.dense[2 * n + 1], FEATURES);
+                for (int f = 0; f < FEATURES; f += TILE)
+                    interleave(w.dense[2 * n] + f, w.dense[2 * n + 1] + f,
+                               w.back_dense[f / TILE][n][0], TILE);
+            }
+        });
+    }
+
+    void forward(const bf16* pixels, long states, bool keep, float* out, int threads) {
+        if (keep) at_least(kept_, states);
+        // What the dense layer takes: [group of 32 states][pair of features][state][2].
+        bf16* features = at_least(features_, up(states, TILE) * TILE * FEATURES);
+        prepare(threads);
+        Deal convolved(states), tiles(HIDDEN / ROWS);
+        std::barrier together(threads);
+        in_threads(threads, [&](int thread) {
+            for (long i; convolved.next(i);) {
+                Activations& a = keep ? kept_[i] : scratch_[thread]->activations;
+                convolve(weights_, pixels + i * A0, a);
+                bf16* group = features + i / TILE * TILE * FEATURES;
+                for (int f = 0; f < FEATURES; f++)
+                    group[(f / 2 * TILE + i % TILE) * 2 + f % 2] = feature(a, f);
+            }
+            together.arrive_and_wait();
+            for (long tile; tiles.next(tile);)
+                for (long first = 0; first < states; first += TILE) {
+                    Sums<ROWS> sums;
+                    sums.start_at_zero();
+                    sums.add(weights_.dense[tile * ROWS], FEATURES, 2, features + first * FEATURES,
+                             FEATURES / 2);
+                    float values[ROWS][TILE];
+                    sums.write(values[0], TILE);
+                    for (long i = 0; i < TILE && first + i < states; i++)
+                        for (long r = 0, n = tile * ROWS; r < ROWS; r++, n++)
+                            out[(first + i) * HIDDEN + n] = values[r][i] + weights_.b4[n];
+                }
+        });
+    }
+
+    // Takes the pixels of the last forward pass that was kept.
+    void backward(const bf16* pixels, long states, const float* d, float* const weights[4],
+                  float* const biases[4], long stride, int threads) {
+        const long pairs = up(states, 2), rows = up(states, ROWS) * ROWS;
+        bf16* d_plain = at_least(d_plain_, rows * HIDDEN);
+        bf16* d_pairs = at_least(d_pairs_, pairs * 2 * HIDDEN);       // [output / 8][pair][output][2]
+        bf16* a_pairs = at_least(a_pairs_, pairs * 2 * FEATURES);     // [feature / 32][pair][feature][2]
+        float* d_features = at_least(d_features_, rows * FEATURES);
+        prepare(threads);
+        std::memset(d_plain + states * HIDDEN, 0, (rows - states) * HIDDEN * sizeof(bf16));
+        std::memset(biases[3], 0, HIDDEN * sizeof(float));
+        for (long i = 0; i < states; i++) {
+            round_row(d + i * HIDDEN, d_plain + i * HIDDEN, HIDDEN);
+            for (int n = 0; n < HIDDEN; n++) biases[3][n] += d[i * HIDDEN + n];
+        }
+        for (long i = 0; i < 2 * pairs; i++)
+            for (int n = 0; n < HIDDEN; n++)
+                d_pairs[((n / ROWS * pairs + i / 2) * ROWS + n % ROWS) * 2 + i % 2] =
+                    d_plain[i * HIDDEN + n];
+        Deal placed(2 * pairs), panels(FEATURES / TILE), both(pairs);
+        std::barrier together(threads);
+        in_threads(threads, [&](int thread) {
+            for (long i; placed.next(i);) {
+                const Activations& a = i < states ? kept_[i] : nothing_;
+                for (int f = 0; f < FEATURES; f++)
+                    a_pairs[((f / TILE * pairs + i / 2) * TILE + f % TILE) * 2 + i % 2] = feature(a, f);
+            }
+            together.arrive_and_wait();
+            for (long panel; panels.next(panel);) {
+                for (long i = 0; i < rows; i += ROWS) {
+                    Sums<ROWS> sums;
+                    sums.start_at_zero();
+                    sums.add(d_plain + i * HIDDEN, HIDDEN, 2, weights_.back_dense[panel][0][0],
+                             HIDDEN / 2);
+                    sums.write(d_features + i * FEATURES + panel * TILE, FEATURES);
+                }
+                for (long n = 0; n < HIDDEN; n += ROWS) {
+                    Sums<ROWS> sums;
+                    sums.start_at_zero();
+                    sums.add(d_pairs + n * pairs * 2, 2, 2 * ROWS, a_pairs + panel * TILE * pairs * 2,
+                             pairs);
+                    sums.write(weights[3] + n * stride + panel * TILE, stride);
+                }
+            }
+            together.arrive_and_wait();
+            Scratch& s = *scratch_[thread];
+            std::memset(&s.sums, 0, sizeof s.sums);
+            for (long pair; both.next(pair);) {
+                const long i = 2 * pair, j = i + 1 < states ? i + 1 : i;
+                // A last state without a partner takes itself, with gradients of 0.
+                const bf16* const a0[2] = {pixels + i * A0, pixels + j * A0};
+                const Activations* const a[2] = {&kept_[i], &kept_[j]};
+                const float* const of[2] = {d_features + i * FEATURES,
+                                            j > i ? d_features + j * FEATURES : no_gradients_};
+                third_layer(a, of, s);
+                second_layer(weights_, a, s);
+                first_layer(weights_, a0, a, s);
+            }
+        });
+        Gradients& total = scratch_[0]->sums;
+        for (int thread = 1; thread < threads; thread++) {
+            const float* more = (const float*)&scratch_[thread]->sums;
+            float* sums = (float*)&total;
+            for (unsigned long i = 0; i < sizeof total / sizeof(float); i++) sums[i] += more[i];
+        }
+        std::memcpy(biases[0], total.b1, sizeof total.b1);
+        std::memcpy(biases[1], total.b2, sizeof total.b2);
+        std::memcpy(biases[2], total.b3, sizeof total.b3);
+        for (int n = 0; n < C1; n++)
+            for (int k = 0; k < K1; k++)
+                weights[0][n * K1 + of_pixel(k)] = total.g1[k][n] * weights_.scale;
+        for (int n = 0; n < C2; n++)
+            for (int k = 0; k < K2; k++) weights[1][n * K2 + k] = total.g2[k][n];
+        for (int n = 0; n < C3; n++)
+            for (int k = 0; k < K3; k++) weights[2][n * K3 + k] = total.g3[k][n];
+    }
+
+  private:
+    static bf16 feature(const Activations& a, int f) {
+        return a.a3[f % (S3 * S3) * C3 + f / (S3 * S3)];
+    }
+
+    static void round_row(const float* from, bf16* to, int count) {
+        for (int i = 0; i < count; i += LANES) store(to + i, _mm512_loadu_ps(from + i));
+    }
+
+    void prepare(int threads) {
+        while ((int)scratch_.size() < threads) {
+            scratch_.push_back(std::make_unique<Scratch>());
+            std::memset(scratch_.back().get(), 0, sizeof(Scratch));
+        }
+    }
+
+    Weights weights_{};
+    std::vector<Activations> kept_;
+    std::vector<bf16> features_, d_plain_, d_pairs_, a_pairs_;
+    std::vector<float> d_features_;
+    std::vector<std::unique_ptr<Scratch>> scratch_;
+    inline static const Activations nothing_{};
+    inline static const float no_gradients_[FEATURES]{};
+};
+
+}  // namespace
+
+extern "C" {
+
+// Frames [states][4][84][84] as pixels [states][21][21][64]: each frame less the one before it, the
+// oldest less its mean; or all less the mean of all; or as they are. bfloat16 has them exactly.
+void trunk_pixels(const std::uint8_t* frames, bf16* pixels, long states, int differences, int center,
+                  int threads) {
+    Deal all(states);
+    in_threads(threads, [&](int) {
+        for (long i; all.next(i);) {
+            const std::uint8_t* of = frames + i * FRAMES * SIDE * SIDE;
+            long sum = 0, count = (differences ? 1 : FRAMES) * SIDE * SIDE;
+            for (long p = 0; center && p < count; p++) sum += of[p];
+            const int grey = (int)std::nearbyint((double)sum / count);
+            for (int row = 0; row < FRAMES * SIDE; row++) {
+                const int frame = row / SIDE, y = row % SIDE;
+                const std::uint8_t* now = of + row * SIDE;
+                float line[SIDE];
+                for (int x = 0; x < SIDE; x++)
+                    line[x] = (float)(now[x] - (differences && frame ? now[x - SIDE * SIDE] : grey));
+                bf16* to = pixels + i * A0 + y / BLOCK * S0 * C0 + (frame * BLOCK + y % BLOCK) * BLOCK;
+                for (int b = 0; b < S0; b++)
+                    _mm_storel_epi64((__m128i*)(to + b * C0),
+                                     (__m128i)_mm_cvtneps_pbh(_mm_loadu_ps(line + b * BLOCK)));
+            }
+        }
+    });
+}
+
+Trunk* trunk_new() { return new Trunk; }
+
+void trunk_free(Trunk* trunk) { delete trunk; }
+
+// Takes PyTorch's weights: convolutions channels-last, rows of the dense layer `stride` apart.
+void trunk_pack(Trunk* trunk, const float* const weights[4], const float* const biases[4],
+                long stride, float scale, int threads) {
+    trunk->pack(weights, biases, stride, scale, threads);
+}
+
+// Writes the dense layer's outputs, [states][512], and keeps what the backward pass needs.
+void trunk_forward(Trunk* trunk, const bf16* pixels, long states, int keep, float* out,
+                   int threads) {
+    trunk->forward(pixels, states, keep, out, threads);
+}
+
+// Writes the gradients by all weights, laid out as for `trunk_pack`, from that by the outputs.
+void trunk_backward(Trunk* trunk, const bf16* pixels, long states, const float* d,
+                    float* const weights[4], float* const biases[4], long stride, int threads) {
+    trunk->backward(pixels, states, d, weights, biases, stride, threads);
+}
+
+}  // extern "C"

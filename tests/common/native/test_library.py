@@ -1,0 +1,98 @@
+"""When the library is compiled, and what is told if it cannot be."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from common.native import library as module
+from common.native.library import NativeUnavailableError, library
+
+_COMPILER = """#!/bin/sh
+echo "$@" >> "$(dirname "$0")/calls"
+if [ "$1" = --version ]; then echo "compiler 1.0"; exit 0; fi
+for last; do :; done
+cp "$(dirname "$0")/made" "$last" 2>/dev/null || { echo "it does not compile" >&2; exit 1; }
+"""
+
+
+@pytest.fixture
+def compiler(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A compiler that gives a file `made`, or fails without it, and writes down its calls."""
+    compiler = tmp_path / "compiler"
+    compiler.write_text(_COMPILER)
+    compiler.chmod(0o755)
+    monkeypatch.setenv("CXX", str(compiler))
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "caches"))
+    library.cache_clear()
+    yield compiler
+    library.cache_clear()
+
+
+def builds(compiler: Path) -> int:
+    return sum("-o" in line for line in compiler.with_name("calls").read_text().splitlines())
+
+
+def test_the_file_is_compiled_once_and_is_the_users_own(compiler: Path) -> None:
+    compiler.with_name("made").write_text("code")
+    first, second = module._compiled(), module._compiled()
+    assert first == second
+    assert first.read_text() == "code"
+    assert builds(compiler) == 1
+    assert first.parent.stat().st_mode & 0o077 == 0
+    assert [each.name for each in first.parent.iterdir()] == [first.name]
+
+
+def test_another_source_or_compiler_is_compiled_anew(
+    compiler: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    compiler.with_name("made").write_text("code")
+    paths = {module._compiled()}
+    changed = tmp_path / "trunk.cpp"
+    changed.write_text("another")
+    monkeypatch.setattr(module, "_SOURCE", changed)
+    paths.add(module._compiled())
+    compiler.write_text(_COMPILER.replace("1.0", "2.0"))
+    paths.add(module._compiled())
+    assert len(paths) == builds(compiler) == 3
+
+
+def test_an_error_of_the_compiler_is_told_and_leaves_nothing(
+    compiler: Path, tmp_path: Path
+) -> None:
+    with pytest.raises(NativeUnavailableError, match="cannot compile it: it does not compile"):
+        library()
+    assert list((tmp_path / "caches" / "ale-robot").iterdir()) == []
+
+
+def test_without_a_compiler_it_is_told_what_to_install(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("CXX", raising=False)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    library.cache_clear()
+    with pytest.raises(NativeUnavailableError, match=r"install g\+\+ or clang"):
+        library()
+
+
+def test_a_compiler_that_is_not_there_is_told(
+    compiler: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("CXX", "/nowhere/compiler")
+    with pytest.raises(NativeUnavailableError, match=r"cannot run: .*nowhere"):
+        library()
+
+
+@pytest.mark.parametrize("which", ["file", "folder"])
+def test_code_that_others_may_write_is_not_run(compiler: Path, which: str) -> None:
+    compiler.with_name("made").write_text("code")
+    path = module._compiled()
+    (path if which == "file" else path.parent).chmod(0o777)
+    with pytest.raises(NativeUnavailableError, match="other users may write"):
+        library()
+
+
+def test_a_file_that_is_no_library_is_told(compiler: Path) -> None:
+    compiler.with_name("made").write_text("code")
+    with pytest.raises(NativeUnavailableError, match=r"trunk-.*: "):
+        library()

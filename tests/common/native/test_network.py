@@ -1,0 +1,229 @@
+"""The compiled layers against PyTorch's.
+
+Whole numbers of up to eight bits are exact in bfloat16. A network of such weights and pixels, whose
+activations and gradients are all such numbers too, must give exactly what PyTorch gives in float32.
+"""
+
+import gc
+import resource
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+import torch
+from torch import Tensor, nn
+
+from common.native.library import NativeUnavailableError, library
+from common.native.network import NativeQNetwork
+from common.network import QNetwork
+from common.run.config import LearningConfig
+from tests.common.test_network import frames_of
+
+
+@pytest.fixture(autouse=True)
+def _compiled() -> None:
+    if not torch.cpu.get_capabilities().get("avx512_bf16"):
+        pytest.skip("this processor has no AVX-512 bf16")
+    try:
+        library()
+    except NativeUnavailableError as error:
+        pytest.skip(str(error))
+
+
+_ALL = [1, 2, 7, 31, 32, 33, 65]
+"""Numbers of states below, at and above those that are computed together."""
+
+
+def whole_network(seed: int, width: int = 0) -> QNetwork:
+    """Returns a network of few weights, all of them -1 or 1, and no scaling of the pixels."""
+    torch.manual_seed(seed)
+    learning = LearningConfig(scale_pixels=False, center_pixels=False, layer_norm=False)
+    network = QNetwork(6, vector_width=width, learning=learning)
+    with torch.no_grad():
+        for name, parameter in network.named_parameters():
+            few = 0.3 if "bias" in name else 3 / parameter[0].numel()
+            kept = torch.rand_like(parameter) < few
+            parameter.copy_(kept * (1 - 2 * (torch.rand_like(parameter) < 0.5).float()))
+    return network
+
+
+def whole_frames(states: int) -> Tensor:
+    return frames_of(states) % 3
+
+
+def layers_of(network: QNetwork) -> list[nn.Conv2d | nn.Linear]:
+    return [*(m for m in network.convolutions if isinstance(m, nn.Conv2d)), network.hidden]
+
+
+def gradients_of(network: QNetwork) -> list[Tensor]:
+    found = []
+    for layer in layers_of(network):
+        for parameter in layer.parameters():
+            assert parameter.grad is not None
+            found.append(parameter.grad.clone())
+    return found
+
+
+@pytest.fixture
+def threads(request: pytest.FixtureRequest) -> Iterator[None]:
+    before = torch.get_num_threads()
+    torch.set_num_threads(request.param)
+    yield
+    torch.set_num_threads(before)
+
+
+@pytest.mark.parametrize("threads", [1, 3], indirect=True)
+@pytest.mark.parametrize("states", _ALL)
+@pytest.mark.parametrize("width", [0, 5])
+def test_whole_numbers_give_exactly_what_pytorch_gives(
+    states: int, width: int, threads: None
+) -> None:
+    network = whole_network(1, width)
+    frames = whole_frames(states)
+    vectors = torch.randint(-2, 3, (states, width)).float()
+    # Few of the outputs have a gradient, so that no sum needs more than eight bits.
+    towards = (torch.rand(states, 512) < 4 / 512).float()
+
+    inputs: list[Tensor] = []
+    hooks = [m.register_forward_hook(lambda *a: inputs.append(a[2])) for m in network.convolutions]
+    expected = network.hidden_units(frames, vectors)
+    for hook in hooks:
+        hook.remove()
+    for each in inputs:
+        assert torch.equal(each, each.bfloat16().float())
+        each.retain_grad()
+        assert each.abs().max() > 0
+    (expected * towards).sum().backward()  # type: ignore[no-untyped-call]
+    for each in inputs:
+        assert each.grad is not None
+        assert torch.equal(each.grad, each.grad.bfloat16().float())
+    gradients = gradients_of(network)
+    assert all(each.abs().max() > 0 for each in gradients)
+
+    native = NativeQNetwork(network)
+    network.zero_grad()
+    for _ in range(2):  # a second update finds memory that the first one has used
+        with torch.no_grad():
+            assert torch.equal(native.hidden_units(frames, vectors), expected)
+        units = native.hidden_units(native.as_pixels(frames), vectors)
+        assert torch.equal(units, expected)
+        (units * towards).sum().backward()  # type: ignore[no-untyped-call]
+        native.backward()
+        for ours, theirs in zip(gradients_of(network), gradients, strict=True):
+            assert torch.equal(ours, theirs)
+
+
+def test_fewer_states_than_before_find_nothing_of_those() -> None:
+    network = whole_network(2)
+    native = NativeQNetwork(network)
+    for states in (65, 3, 34, 1):
+        frames, empty = whole_frames(states), torch.zeros(states, 0)
+        network.zero_grad()
+        expected = network.hidden_units(frames, empty)
+        expected.sum().backward()  # type: ignore[no-untyped-call]
+        gradients = gradients_of(network)
+        units = native.hidden_units(frames, empty)
+        assert torch.equal(units, expected)
+        units.sum().backward()  # type: ignore[no-untyped-call]
+        native.backward()
+        for ours, theirs in zip(gradients_of(network), gradients, strict=True):
+            torch.testing.assert_close(ours, theirs, rtol=0.02, atol=1.0)
+
+
+@pytest.mark.parametrize("differences", [False, True])
+@pytest.mark.parametrize("center", [False, True])
+def test_pixels_are_those_of_pytorch_in_blocks(differences: bool, center: bool) -> None:
+    learning = LearningConfig(frame_differences=differences, center_pixels=center)
+    network = QNetwork(6, learning=learning)
+    frames = frames_of(5)
+    frames[1], frames[2] = 0, 255
+    expected = network.as_pixels(frames).reshape(5, 4, 21, 4, 21, 4).permute(0, 2, 4, 1, 3, 5)
+    found = NativeQNetwork(network).as_pixels(frames).float()
+    assert torch.equal(found, expected.reshape(5, 21, 21, 64))
+
+
+def test_real_weights_come_as_near_as_bfloat16_can() -> None:
+    torch.manual_seed(3)
+    learning = LearningConfig(
+        layer_norm=True, frame_differences=True, center_pixels=True, initial_weights="he"
+    )
+    network = QNetwork(6, vector_width=40, learning=learning, atoms=32)
+    frames, vectors = frames_of(32), torch.randn(32, 40)
+    native = NativeQNetwork(network)
+    found, expected = native(frames, vectors), network(frames, vectors)
+    assert (found - expected).norm() / expected.norm() < 0.01
+    expected.square().sum().backward()
+    theirs = [p.grad for p in network.parameters()]
+    network.zero_grad()
+    found.square().sum().backward()
+    native.backward()
+    for ours, their in zip((p.grad for p in network.parameters()), theirs, strict=True):
+        assert ours is not None
+        assert their is not None
+        # Noise as pictures leaves many activations near 0, of which some change their sign.
+        assert (ours - their).norm() / their.norm() < 0.15
+        assert torch.nn.functional.cosine_similarity(ours.flatten(), their.flatten(), 0) > 0.99
+
+
+def test_weights_that_are_not_numbers_are_seen() -> None:
+    """A maximum of 0 and such a number could be 0, and a run would go on with them."""
+    for layer in range(4):
+        network = whole_network(4)
+        with torch.no_grad():
+            layers_of(network)[layer].weight[0] = float("nan")
+        values = NativeQNetwork(network)(whole_frames(2), torch.zeros(2, 0))
+        assert values.isnan().any()
+
+
+def test_it_computes_with_the_weights_of_the_last_pack() -> None:
+    network, frames, empty = whole_network(5), whole_frames(2), torch.zeros(2, 0)
+    native = NativeQNetwork(network)
+    before = native.hidden_units(frames, empty).detach().clone()
+    native.backward()
+    with torch.no_grad():
+        for parameter in network.parameters():
+            parameter.mul_(2)
+    with torch.no_grad():
+        assert torch.equal(native.hidden_units(frames, empty), before)
+        native.pack()
+        assert torch.equal(native.hidden_units(frames, empty), network.hidden_units(frames, empty))
+
+
+def test_a_loss_of_two_passes_with_gradients_is_refused() -> None:
+    native = NativeQNetwork(whole_network(6))
+    native.hidden_units(whole_frames(1), torch.zeros(1, 0))
+    with pytest.raises(RuntimeError, match="give --kernel torch"):
+        native.hidden_units(whole_frames(1), torch.zeros(1, 0))
+
+
+def test_a_loss_without_the_layers_gives_them_no_gradient() -> None:
+    network = whole_network(7)
+    native = NativeQNetwork(network)
+    native.backward()
+    native.hidden_units(whole_frames(1), torch.zeros(1, 0))
+    native.backward()
+    assert all(p.grad is None for p in network.parameters())
+
+
+def test_only_the_layers_that_the_code_knows_are_its() -> None:
+    class Other(QNetwork):
+        pass
+
+    assert NativeQNetwork.fits(QNetwork(3, vector_width=7, atoms=8))
+    assert not NativeQNetwork.fits(QNetwork(3, learning=LearningConfig(network="nips")))
+    assert not NativeQNetwork.fits(QNetwork(3, frame_stack=3))
+    assert not NativeQNetwork.fits(Other(3))
+
+
+def test_its_memory_is_freed() -> None:
+    network = whole_network(8)
+
+    def resident_bytes() -> int:
+        return int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize()
+
+    NativeQNetwork(network)
+    before = resident_bytes()
+    for _ in range(30):  # of 8 MB each
+        NativeQNetwork(network)
+    gc.collect()
+    assert resident_bytes() - before < 60e6
