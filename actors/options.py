@@ -9,6 +9,7 @@ from annotated_types import Ge, Le, Lt
 
 from common.checked import Patience
 from common.errors import InputError
+from common.native.kernel import KernelChoice
 from common.pinned_file import path_of
 from common.run.clock import ClockConfig
 from common.run.config import MAX_ENVS, MAX_SEED, RunConfig
@@ -39,6 +40,10 @@ class ActorOptions:
     """Robot that the run must have; no other run is joined."""
     envs: Annotated[int, Ge(1), Le(MAX_ENVS)] = 1
     """Number of environments in this process, played with one forward pass."""
+    kernel: KernelChoice = "auto"
+    """Code of the network: 'native' is compiled here once, by g++ or clang, and takes a third of
+    the time of 'torch', in bfloat16; 'auto' takes it where it is faster. Evaluators always compute
+    by 'torch' in float32."""
     evaluator: bool = False
     """Role of an evaluator: play the learner's evaluation jobs instead of training."""
     name: str | None = None

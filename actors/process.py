@@ -17,6 +17,8 @@ from actors.member import Member
 from actors.options import ActorOptions
 from actors.policy import Policy
 from common.errors import InputError
+from common.native.kernel import choose_kernel
+from common.native.network import NativeQNetwork
 from common.network import build_network
 from common.process.allocator import keep_large_blocks
 from common.process.lifeline import on_signals
@@ -82,8 +84,10 @@ def _play(member: Member, options: ActorOptions) -> None:
                 f"{config.played} offers {actions} actions here, but the run has "
                 f"{config.action_count}: install the versions of requirements.lock."
             )
+        network = build_network(config, actions)
+        fits = not options.evaluator and NativeQNetwork.fits(network)
         policy = Policy(
-            build_network(config, actions),
+            NativeQNetwork(network) if fits and choose_kernel(options.kernel) else network,
             actions,
             np.random.default_rng(policy_seed),
             envs=options.envs,

@@ -15,6 +15,7 @@ import torch
 from torch import Tensor, nn
 
 from benchmarks.pace import in_turns
+from common.native.network import NativeQNetwork
 from common.network import QNetwork
 from common.protocol.step_fields import FRAME_SHAPE
 
@@ -85,6 +86,50 @@ def time_layers(layers: Sequence[Layer], turns: int) -> list[dict[str, Any]]:
     best = max(row["one product, per ns"] for row in rows)
     total = sum(layer.of_an_update for layer in layers)
     return [*rows, _row("all", total, sum(row["ms"] for row in rows) / 1e3, best)]
+
+
+def time_native(network: QNetwork, batch_size: int, turns: int) -> list[dict[str, Any]]:
+    """Returns a row for each part of `NativeQNetwork`, alone, with its multiplications in an
+    update: none where it only arranges."""
+    native = NativeQNetwork(network)
+    frames = torch.randint(0, 256, (batch_size, 4, *FRAME_SHAPE), dtype=torch.uint8)
+    pixels, vectors = native.as_pixels(frames), torch.zeros(batch_size, 0)
+    known = (native.hidden, *native.convolutions)
+    layers = [
+        each for each in layers_of(network, batch_size, torch.float32) if each.module in known
+    ]
+    forward = sum(layer.multiplications for layer in layers)
+    backward = sum(layer.of_an_update for layer in layers) - _FORWARD_PASSES * forward
+
+    def pass_forward() -> None:
+        with torch.no_grad():
+            native.hidden_units(pixels, vectors)
+
+    def pass_both_ways() -> None:
+        native.hidden_units(pixels, vectors).sum().backward()  # type: ignore[no-untyped-call]
+        native.backward()
+
+    works: dict[str, Callable[[], object]] = {
+        "pixels, of s and s′": lambda: native.as_pixels(frames),
+        "weights": native.pack,
+        "forward, three times": pass_forward,
+        "backward": pass_both_ways,
+    }
+    timed = in_turns({name: partial(_seconds, work) for name, work in works.items()}, turns)
+    seconds = {name: float(np.median(each)) for name, each in timed.items()}
+    seconds["backward"] -= seconds["forward, three times"]
+    seconds["pixels, of s and s′"] *= 2
+    seconds["forward, three times"] *= _FORWARD_PASSES
+    million = {"forward, three times": _FORWARD_PASSES * forward, "backward": backward}
+    return [
+        {
+            "part": name,
+            "million": million[name] / 1e6 if name in million else "–",
+            "ms": each * 1e3,
+            "per ns": million[name] / each / 1e9 if name in million else "–",
+        }
+        for name, each in seconds.items()
+    ]
 
 
 def _row(name: str, multiplications: int, seconds: float, product: float) -> dict[str, Any]:

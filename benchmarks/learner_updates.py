@@ -2,9 +2,10 @@
 
 * Time by threads and precision; the settings take turns, a few updates each.
 * Time by kind of work, from PyTorch's profiler; on the CPU only.
-* Time by layer, each alone, beside the best rate of the processor; on the CPU only.
-* bfloat16 against float32: two learners learn from the same minibatches, whose frames come from
-  random play in the emulator.
+* Time by layer, each alone, beside the best rate of PyTorch's products; on the CPU only.
+* Time by part of the native kernel, each alone; where it can be compiled.
+* bfloat16, by PyTorch and by the native kernel, against float32: learners learn from the same
+  minibatches, whose frames come from random play in the emulator.
 """
 
 import itertools
@@ -21,7 +22,7 @@ from annotated_types import Ge
 from torch.profiler import ProfilerActivity, profile
 
 from benchmarks.child import scratch
-from benchmarks.layers import layers_of, time_layers
+from benchmarks.layers import layers_of, time_layers, time_native
 from benchmarks.pace import in_turns
 from benchmarks.peer_update import DOUBLE_DQN, noise_batch
 from benchmarks.random_play import random_play
@@ -76,25 +77,31 @@ class Options(BenchmarkOptions):
         return PRESETS["fast"] if self.preset else DOUBLE_DQN
 
 
-def algorithm_of(
-    config: RunConfig, bfloat16: bool, device: torch.device = _CPU, *, graphs: bool = False
-) -> Algorithm:
+def algorithm_of(config: RunConfig, device: Device) -> Algorithm:
     """Returns the run's algorithm with its initial weights."""
-    network = build_network(config, _ACTIONS)
-    return build_algorithm(config, network, Device(device, bfloat16, graphs))
+    return build_algorithm(config, build_network(config, _ACTIONS), device)
 
 
-def time_settings(options: Options, device: torch.device) -> list[dict[str, Any]]:
-    """Returns a row for each number of threads and precision; on CUDA, with and without a graph."""
-    batch, cuda = noise_batch(options.batch_size, device), device.type == "cuda"
-    threads = [1] if cuda else sorted({1, len(os.sched_getaffinity(0))})
-    kinds = list(itertools.product((False, True), (False, True) if cuda else (False,)))
-    algorithms = {
-        (bfloat16, graphs): algorithm_of(options.config, bfloat16, device, graphs=graphs)
-        for bfloat16, graphs in kinds
+def precisions_of(chosen: Device) -> dict[str, Device]:
+    """Returns float32, bfloat16 by PyTorch, and what is ``chosen`` if that is something else."""
+    return {
+        "float32": Device(chosen.torch, bfloat16=False),
+        "bfloat16": Device(chosen.torch, bfloat16=True),
+        **({"bfloat16, native": chosen} if chosen.native else {}),
     }
 
-    def turn(count: int, kind: tuple[bool, bool]) -> list[float]:
+
+def time_settings(options: Options, chosen: Device) -> list[dict[str, Any]]:
+    """Returns a row for each number of threads and precision; on CUDA, with and without a graph."""
+    batch, cuda = noise_batch(options.batch_size, chosen.torch), chosen.torch.type == "cuda"
+    threads = [1] if cuda else sorted({1, len(os.sched_getaffinity(0))})
+    algorithms = {
+        (name, graphs): algorithm_of(options.config, replace(device, graphs=graphs))
+        for name, device in precisions_of(chosen).items()
+        for graphs in ((False, True) if cuda else (False,))
+    }
+
+    def turn(count: int, kind: tuple[str, bool]) -> list[float]:
         """Returns the seconds of each update."""
         torch.set_num_threads(count)
         algorithm = algorithms[kind]
@@ -107,20 +114,20 @@ def time_settings(options: Options, device: torch.device) -> list[dict[str, Any]
             seconds.append(time.perf_counter() - began)
         return seconds
 
-    settings = itertools.product(threads, kinds)
+    settings = itertools.product(threads, algorithms)
     turns = in_turns({setting: partial(turn, *setting) for setting in settings}, options.rounds)
     seconds = {setting: list(itertools.chain(*each)) for setting, each in turns.items()}
-    plain = float(np.median(seconds[1, (False, False)]))
+    plain = float(np.median(seconds[1, ("float32", False)]))
     return [
         {
-            "precision": "bfloat16" if bfloat16 else "float32",
+            "precision": name,
             "threads": count,
             **({"CUDA graph": "yes" if graphs else "no"} if cuda else {}),
             "p50 ms": float(np.median(times)) * 1e3,
             "p95 ms": float(np.percentile(times, 95)) * 1e3,
             "times float32 on one thread": plain / float(np.median(times)),
         }
-        for (count, (bfloat16, graphs)), times in seconds.items()
+        for (count, (name, graphs)), times in seconds.items()
     ]
 
 
@@ -128,7 +135,7 @@ def time_kinds(options: Options, *, bfloat16: bool) -> list[dict[str, Any]]:
     """Returns a row for each kind of work in an update on one thread, and for the rest."""
     torch.set_num_threads(1)
     batch = noise_batch(options.batch_size, _CPU)
-    algorithm = algorithm_of(options.config, bfloat16)
+    algorithm = algorithm_of(options.config, Device(_CPU, bfloat16))
     for _ in range(options.turn):
         algorithm.update(algorithm.prepare(batch))
     with profile(activities=[ProfilerActivity.CPU]) as profiled:
@@ -152,19 +159,17 @@ def losses(algorithm: Algorithm, batches: Sequence[DeviceBatch], updates: int) -
     return total / updates
 
 
-def compare_precisions(
-    config: RunConfig, updates: int, device: torch.device
-) -> list[dict[str, Any]]:
+def compare_precisions(config: RunConfig, updates: int, chosen: Device) -> list[dict[str, Any]]:
     """Returns a row for each precision."""
     torch.set_num_threads(1)
     with scratch() as folder:
         memory = random_play(config, _RANDOM_STEPS, folder / "replay")
-        batches = [to_device(draw(memory), device) for _ in range(min(updates, 500))]
+        batches = [to_device(draw(memory), chosen.torch) for _ in range(min(updates, 500))]
         memory.close()
     often = replace(config, learning=replace(config.learning, target_update_period=100))
     found = {
-        name: losses(algorithm_of(often, bfloat16, device), batches, updates)
-        for name, bfloat16 in (("float32", False), ("bfloat16", True))
+        name: losses(algorithm_of(often, device), batches, updates)
+        for name, device in precisions_of(chosen).items()
     }
     return [
         {
@@ -180,12 +185,11 @@ def compare_precisions(
 def measure(options: Options) -> Report:
     keep_large_blocks()  # as a learner does
     chosen = choose_device(options.device, "auto")
-    device = chosen.torch
     updates = options.rounds * options.turn
     kind = "The fast preset's" if options.preset else "Double DQN"
     title = f"{kind} update, batch {options.batch_size}, 84×84×4, {updates} updates each"
-    tables = {"rows": Table(title, time_settings(options, device))}
-    if device.type == "cpu":
+    tables = {"rows": Table(title, time_settings(options, chosen))}
+    if chosen.torch.type == "cpu":
         precision = "bfloat16" if chosen.bfloat16 else "float32"
         kinds = f"The same in {precision} on one thread, by kind of work"
         tables["kinds"] = Table(kinds, time_kinds(options, bfloat16=chosen.bfloat16))
@@ -196,10 +200,15 @@ def measure(options: Options) -> Report:
             f"Multiplications of its layers, each alone, in {precision} on one thread",
             time_layers(alone, updates),
         )
+    if chosen.native:
+        tables["native"] = Table(
+            "Parts of the native kernel, each alone, on one thread",
+            time_native(build_network(options.config, _ACTIONS), options.batch_size, updates),
+        )
     if options.compared:
         precisions = "bfloat16 against float32, the same minibatches of real frames"
         tables["precisions"] = Table(
-            precisions, compare_precisions(options.config, options.compared, device)
+            precisions, compare_precisions(options.config, options.compared, chosen)
         )
     rows = {name: table.rows for name, table in tables.items()}
     return Report(list(tables.values()), {"title": title, **rows})

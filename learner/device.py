@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Literal
 
 from common.errors import InputError
 from common.metrics import Value
+from common.native.kernel import KernelChoice, choose_kernel
 from common.process.log_lines import say_aside
 
 if TYPE_CHECKING:  # a command line is parsed without PyTorch
@@ -13,7 +14,6 @@ if TYPE_CHECKING:  # a command line is parsed without PyTorch
 
 DeviceChoice = Literal["auto", "cpu", "cuda"]
 PrecisionChoice = Literal["auto", "float32", "bfloat16"]
-KernelChoice = Literal["auto", "torch", "native"]
 
 
 @dataclass(frozen=True)
@@ -68,9 +68,7 @@ def choose_device(
     half the time. A warning tells of bfloat16 that is not native. Without CUDA, ``graphs`` has no
     effect.
 
-    Kernel 'auto' takes the compiled code where it is faster: on a processor that multiplies vectors
-    of bfloat16, but not tiles of it (AMX), for which PyTorch has good code. A warning tells if it
-    cannot be compiled there.
+    ``kernel`` is chosen as `choose_kernel` does, for bfloat16 on a CPU.
 
     Raises:
         InputError: CUDA or the compiled code was requested but is not available.
@@ -93,39 +91,10 @@ def choose_device(
             "warning",
         )
     bfloat16 = native if precision == "auto" else precision == "bfloat16"
-    vectors = kind == "cpu" and bfloat16 and bool(cpu.get("avx512_bf16"))
-    compiled = _choose_kernel(kernel, can=vectors, should=vectors and not cpu.get("amx_bf16"))
-    return Device(torch.device(kind), bfloat16, graphs and kind == "cuda", compiled)
-
-
-def _choose_kernel(kernel: KernelChoice, *, can: bool, should: bool) -> bool:
-    """Returns whether to use the compiled code, which is then there.
-
-    Args:
-        can: whether it computes what is asked for, on this hardware.
-        should: whether 'auto' takes it.
-
-    Raises:
-        InputError: it was requested, but cannot be used.
-    """
-    from common.native.library import NativeUnavailableError, library
-
-    if kernel == "native" and not can:
+    if kernel == "native" and not (kind == "cpu" and bfloat16):
         raise InputError(
-            "the native kernel computes in bfloat16 on a processor with AVX-512 bf16: omit "
-            "--kernel native."
+            "the native kernel computes in bfloat16 on a CPU: omit --kernel native, or give "
+            "--device cpu --precision bfloat16."
         )
-    if kernel == "torch" or not (should or kernel == "native"):
-        return False
-    try:
-        library()
-    except NativeUnavailableError as error:
-        if kernel == "native":
-            raise InputError(f"the native kernel is not available: {error}.") from None
-        say_aside(
-            f"warning: updates take twice as long as they could, because their native kernel is "
-            f"not available: {error}.",
-            "warning",
-        )
-        return False
-    return True
+    compiled = kind == "cpu" and bfloat16 and choose_kernel(kernel)
+    return Device(torch.device(kind), bfloat16, graphs and kind == "cuda", compiled)

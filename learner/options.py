@@ -16,6 +16,7 @@ from pydantic import AllowInfNan
 from common.checked import Amount, Count, Patience
 from common.errors import InputError
 from common.metrics import Value
+from common.native.kernel import KernelChoice
 from common.process.command_line import RunOptions, started_by, without_flags
 from common.process.extras import check_extra
 from common.process.http_endpoints import check_address
@@ -30,7 +31,7 @@ from common.run.ranges import NOTHING_DRAWN
 from common.transport.access_control import MAX_SESSIONS
 from common.transport.credentials import check_certificates
 from common.transport.endpoint import DEFAULT_ENDPOINT, check_endpoint, from_here
-from learner.device import DeviceChoice, KernelChoice, PrecisionChoice
+from learner.device import DeviceChoice, PrecisionChoice
 from learner.evaluation.options import EvaluationOptions
 from learner.telemetry.sinks.tracker import TRACKERS
 
@@ -77,8 +78,9 @@ class LearnerOptions(RunOptions):
     """Precision of the updates; 'auto' takes bfloat16 if the hardware multiplies it natively.
     Without that, bfloat16 is far slower than float32."""
     kernel: KernelChoice = "auto"
-    """Code of an update in bfloat16 on a CPU: 'native' is compiled here once, by g++ or clang, and
-    takes about half the time of 'torch'; 'auto' takes it where it is faster."""
+    """Code of an update in bfloat16 on a CPU, and of local mode's actors: 'native' is compiled here
+    once, by g++ or clang, and takes half the time of 'torch'; 'auto' takes it where it is
+    faster."""
     cuda_graphs: bool = False
     """Record an update once as a CUDA graph, and launch it as a whole from then on. No effect
     without CUDA."""

@@ -33,8 +33,8 @@ class NativeQNetwork(QNetwork):
     """Computes what ``master`` computes, from the same parameters: convolutions and first dense
     layer in bfloat16 with sums in float32, all else in float32.
 
-    The compiled code has its own copy of the weights: call `pack` whenever they have changed. It
-    keeps one forward pass with gradients at a time, which `backward` then takes.
+    The compiled code has its own copy of the weights: call `pack` when an optimizer has changed
+    them. It keeps one forward pass with gradients at a time, which `backward` then takes.
     """
 
     def __init__(self, master: QNetwork) -> None:
@@ -52,6 +52,10 @@ class NativeQNetwork(QNetwork):
         self._gradients = [torch.zeros_like(p) for p in (*self._weights, *self._biases)]
         self._kept: _Kept | None = None
         self.pack()
+        # The hooks are those of ``master``, too.
+        self.register_load_state_dict_post_hook(  # type: ignore[no-untyped-call]
+            lambda *_: self.pack()
+        )
 
     @staticmethod
     def fits(network: QNetwork) -> bool:

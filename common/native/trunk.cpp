@@ -46,6 +46,7 @@ constexpr int K1 = 4 * C0, K2 = 16 * C1, K3 = 9 * C2;  // inputs of a kernel
 constexpr int LANES = 16;                    // sums in a vector
 constexpr int TILE = 2 * LANES;              // sums side by side in most products
 constexpr int ROWS = 8;                      // sums below each other in those of the dense layer
+constexpr int FEW = 4;                       // states that the dense layer takes one by one
 constexpr int PADDED = S2 + 2;               // a row of d with zeros at both ends
 
 // ------------------------------------------------------------------------------------- vectors
@@ -226,6 +227,24 @@ void convolve(const Weights& w, const bf16* a0, Activations& a) {
         }
 }
 
+// The dense layer of so few states that its time is that of reading the weights. Both operands are
+// vectors of pairs of features, which lie side by side in both: [state][feature].
+template <int STATES>
+void dense_rows(const Weights& w, const bf16* features, int n, float* out) {
+    Sums<ROWS / 2, STATES> sums;
+    sums.start_at_zero();
+    for (int f = 0; f < FEATURES; f += TILE) {
+        __m512bh of_state[STATES];
+        for (int i = 0; i < STATES; i++) of_state[i] = load(features + i * FEATURES + f);
+        sums.each([&](__m512& sum, int r, int i) {
+            sum = _mm512_dpbf16_ps(sum, load(w.dense[n + r] + f), of_state[i]);
+        });
+    }
+    sums.each([&](__m512& sum, int r, int i) {
+        out[i * HIDDEN + n + r] = _mm512_reduce_add_ps(sum) + w.b4[n + r];
+    });
+}
+
 // ------------------------------------------------------------------------------------ backward
 
 void add_places(float* sums, const bf16* d, int places, int channels) {
@@ -393,21 +412,32 @@ class Trunk {
 
     void forward(const bf16* pixels, long states, bool keep, float* out, int threads) {
         if (keep) at_least(kept_, states);
-        // What the dense layer takes: [group of 32 states][pair of features][state][2].
+        // What the dense layer takes: [state][feature] of few states, otherwise
+        // [group of 32 states][pair of features][state][2].
+        const bool few = states <= FEW;
         bf16* features = at_least(features_, up(states, TILE) * TILE * FEATURES);
         prepare(threads);
-        Deal convolved(states), tiles(HIDDEN / ROWS);
+        Deal convolved(states), tiles(HIDDEN / ROWS), few_tiles(few ? HIDDEN / (ROWS / 2) : 0);
         std::barrier together(threads);
         in_threads(threads, [&](int thread) {
             for (long i; convolved.next(i);) {
                 Activations& a = keep ? kept_[i] : scratch_[thread]->activations;
                 convolve(weights_, pixels + i * A0, a);
                 bf16* group = features + i / TILE * TILE * FEATURES;
-                for (int f = 0; f < FEATURES; f++)
-                    group[(f / 2 * TILE + i % TILE) * 2 + f % 2] = feature(a, f);
+                for (int f = 0; f < FEATURES; f++) {
+                    const long place = few ? i * FEATURES + f : (f / 2 * TILE + i % TILE) * 2 + f % 2;
+                    group[place] = feature(a, f);
+                }
             }
             together.arrive_and_wait();
-            for (long tile; tiles.next(tile);)
+            for (long tile; few_tiles.next(tile);) {
+                const int n = tile * ROWS / 2;
+                if (states == 1) dense_rows<1>(weights_, features, n, out);
+                if (states == 2) dense_rows<2>(weights_, features, n, out);
+                if (states == 3) dense_rows<3>(weights_, features, n, out);
+                if (states == 4) dense_rows<4>(weights_, features, n, out);
+            }
+            for (long tile; !few && tiles.next(tile);)
                 for (long first = 0; first < states; first += TILE) {
                     Sums<ROWS> sums;
                     sums.start_at_zero();

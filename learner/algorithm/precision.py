@@ -56,7 +56,10 @@ class Bfloat16Precision(Precision):
         super().__init__(_bfloat16_copy(master))
         self._masters: list[Tensor] = list(master.parameters())
         self._copies: list[Tensor] = list(self.network.parameters())
-        _follow(master, self)
+        # The copy must follow when a checkpoint or a sync of the target loads whole weights.
+        master.register_load_state_dict_post_hook(  # type: ignore[no-untyped-call]
+            lambda *_: self.sync_from_master()
+        )
 
     def backward(self, loss: Tensor) -> None:
         super().backward(loss)
@@ -78,7 +81,6 @@ class NativePrecision(Precision):
     def __init__(self, master: QNetwork) -> None:
         self._native = NativeQNetwork(master)
         super().__init__(self._native)
-        _follow(master, self)
 
     def backward(self, loss: Tensor) -> None:
         super().backward(loss)
@@ -86,14 +88,6 @@ class NativePrecision(Precision):
 
     def sync_from_master(self) -> None:
         self._native.pack()
-
-
-def _follow(master: QNetwork, precision: Precision) -> None:
-    """Makes ``precision`` take over whole weights that a checkpoint or a sync of the target
-    loads."""
-    master.register_load_state_dict_post_hook(  # type: ignore[no-untyped-call]
-        lambda *_: precision.sync_from_master()
-    )
 
 
 def _bfloat16_copy(master: QNetwork) -> QNetwork:

@@ -4,8 +4,9 @@ hardware."""
 import pytest
 import torch
 
+from common.errors import InputError
 from common.metrics import METRICS
-from learner.device import Device, PrecisionChoice, choose_device
+from learner.device import Device, DeviceChoice, PrecisionChoice, choose_device
 
 GPU = Device(torch.device("cuda"), bfloat16=True)
 
@@ -58,6 +59,17 @@ def test_bfloat16_that_a_processor_only_emulates_is_warned_of(
     monkeypatch.setattr(torch.cpu, "get_capabilities", lambda: {has: True})
     assert choose_device("cpu", precision).bfloat16 is (precision == "bfloat16")
     assert capsys.readouterr().err[: len(told) or None] == told
+
+
+@pytest.mark.parametrize(("device", "precision"), [("cpu", "float32"), ("cuda", "bfloat16")])
+def test_the_native_kernel_is_for_bfloat16_on_a_cpu(
+    device: DeviceChoice, precision: PrecisionChoice, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    monkeypatch.setattr(torch.cuda, "is_bf16_supported", lambda *, including_emulation: True)
+    with pytest.raises(InputError, match="bfloat16 on a CPU: omit --kernel native"):
+        choose_device(device, precision, "native")
+    assert not choose_device(device, precision, "auto").native
 
 
 def test_a_gpu_that_only_emulates_bfloat16_is_called_one(

@@ -32,7 +32,11 @@ def test_actors_and_evaluators_are_told_their_run(
     monkeypatch.setattr(sys, "executable", str(child))
     logs = tmp_path / "r" / "logs"
     options = LearnerOptions(
-        PRESETS["robot"], envs=4, clock=ClockConfig(sync=low_priority), certificates=Path("c")
+        PRESETS["robot"],
+        envs=4,
+        kernel="torch",
+        clock=ClockConfig(sync=low_priority),
+        certificates=Path("c"),
     )
     children = launch(options, "tcp/h:1", RunFolder(tmp_path, "r"))
     roles = ("actor", "evaluator")
@@ -41,7 +45,8 @@ def test_actors_and_evaluators_are_told_their_run(
     assert [children.works(role) for role in roles] == [False, False]
     ours = os.getpriority(os.PRIO_PROCESS, 0)
     nice = min(ours + 10, 19) if low_priority else ours
-    for name, own in (("actor-1", ["--envs", "4"]), ("evaluator-1", ["--evaluator"])):
+    actors = ["--envs", "4", "--kernel", "torch"]
+    for name, own in (("actor-1", actors), ("evaluator-1", ["--evaluator"])):
         told = json.loads((logs / f"{name}.log").read_text())
         common = ["--connect", "tcp/h:1", "--run", "r", *options.clock.flags()]
         assert told == [
