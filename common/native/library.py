@@ -1,4 +1,8 @@
-"""The library of ``trunk.cpp``: it is compiled once for a machine, kept, and loaded."""
+"""The library of ``trunk.cpp``: it is compiled once for a user, kept, and loaded.
+
+`python -m common.native.library` compiles it into this folder instead, for an image without a
+compiler.
+"""
 
 import hashlib
 import os
@@ -42,7 +46,7 @@ def library() -> CDLL:
     """
     try:
         loaded = CDLL(str(_compiled()))
-    except OSError as error:
+    except (OSError, RuntimeError) as error:  # such as a user without a home
         raise NativeUnavailableError(str(error)) from None
     for name, arguments in _ARGUMENTS.items():
         function = getattr(loaded, name)
@@ -53,19 +57,37 @@ def library() -> CDLL:
 
 def _compiled() -> Path:
     """Returns the compiled file. Raises OSError or NativeUnavailableError."""
+    shipped = _SOURCE.with_name(_name())
+    if shipped.exists():
+        return shipped
+    compiler = _compiler()
+    path = _folder() / _name(_run([compiler, "--version"]))
+    if not path.exists():
+        _compile(compiler, path)
+    _check_own(path)
+    return path
+
+
+def _name(compiler: str = "") -> str:
+    """Returns the name of what ``compiler``, by its version, makes of the present source."""
+    told = "\n".join((_SOURCE.read_text(), *_FLAGS, compiler))
+    return f"trunk-{hashlib.sha256(told.encode()).hexdigest()[:16]}.so"
+
+
+def _compiler() -> str:
+    """Returns the compiler's command. Raises NativeUnavailableError if there is none."""
     compiler = os.environ.get("CXX") or next(filter(shutil.which, _COMPILERS), None)
     if compiler is None:
         raise NativeUnavailableError("there is no C++ compiler here: install g++ or clang")
-    version = _run([compiler, "--version"])
-    told = "\n".join((_SOURCE.read_text(), *_FLAGS, version))
-    path = _folder() / f"trunk-{hashlib.sha256(told.encode()).hexdigest()[:16]}.so"
-    if not path.exists():
-        with tempfile.TemporaryDirectory(dir=path.parent) as folder:
-            made = Path(folder, path.name)
-            _run([compiler, *_FLAGS, str(_SOURCE), "-o", str(made)])
-            made.rename(path)  # at once, or another process would load half of it
-    _check_own(path)
-    return path
+    return compiler
+
+
+def _compile(compiler: str, path: Path) -> None:
+    """Makes the file at ``path``. Raises OSError or NativeUnavailableError."""
+    with tempfile.TemporaryDirectory(dir=path.parent) as folder:
+        made = Path(folder, path.name)
+        _run([compiler, *_FLAGS, str(_SOURCE), "-o", str(made)])
+        made.rename(path)  # at once, or another process would load half of it
 
 
 def _folder() -> Path:
@@ -97,3 +119,7 @@ def _run(command: list[str]) -> str:
         first = next(iter(done.stderr.splitlines()), f"exit code {done.returncode}")
         raise NativeUnavailableError(f"{command[0]} cannot compile it: {first}")
     return done.stdout
+
+
+if __name__ == "__main__":
+    _compile(_compiler(), _SOURCE.with_name(_name()))

@@ -53,7 +53,7 @@ def container(tmp_path: Path, buildah: Buildah) -> str:
     """A container of the image, in which the learner is this machine."""
     base = tmp_path / "context" / "base"
     base.parent.mkdir()
-    packages = "--include=python3,python3-venv,ca-certificates"
+    packages = "--include=python3,python3-venv,ca-certificates,g++"
     build = buildah("build", "--isolation=chroot", "--format=docker", "--network=host")
     create = ["--isolation=chroot", "--network=host", "--add-host=learner:127.0.0.1", "ale-robot"]
     (tmp_path / "base").write_text("FROM scratch\nCOPY base /\n")

@@ -57,6 +57,23 @@ def test_another_source_or_compiler_is_compiled_anew(
     assert len(paths) == builds(compiler) == 3
 
 
+def test_a_shipped_file_needs_no_compiler(
+    compiler: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    compiler.with_name("made").write_text("code")
+    source = tmp_path / "package" / "trunk.cpp"
+    source.parent.mkdir()
+    source.write_text("source")
+    monkeypatch.setattr(module, "_SOURCE", source)
+    shipped = source.with_name(module._name())
+    module._compile(module._compiler(), shipped)
+    monkeypatch.setenv("CXX", "/nowhere/compiler")
+    assert module._compiled() == shipped
+    source.write_text("changed")  # the former file is not that of this source
+    with pytest.raises(NativeUnavailableError, match="cannot run"):
+        module._compiled()
+
+
 def test_an_error_of_the_compiler_is_told_and_leaves_nothing(
     compiler: Path, tmp_path: Path
 ) -> None:
