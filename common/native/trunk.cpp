@@ -19,7 +19,6 @@
 #include <immintrin.h>
 
 #include <atomic>
-#include <barrier>
 #include <cmath>
 #include <cstdint>
 #include <cstring>
@@ -136,12 +135,23 @@ struct Sums {
 
 // ------------------------------------------------------------------------------------- threads
 
-// Runs work(thread) in so many threads, of which the caller is the first.
+// The OpenMP threads of PyTorch, if it has loaded them: they are awake already, and threads of our
+// own would have to share the cores with them.
+extern "C" [[gnu::weak]] void GOMP_parallel(void (*)(void*), void*, unsigned, unsigned);
+
+// Runs work(thread) in so many threads, or in fewer, and returns when all are done.
 template <class F>
 void in_threads(int threads, const F& work) {
+    struct Team {
+        const F& work;
+        std::atomic<int> next{0};
+        static void join(void* team) { ((Team*)team)->work(((Team*)team)->next++); }
+    } team{work};
+    if (threads == 1) return work(0);
+    if (GOMP_parallel) return GOMP_parallel(Team::join, &team, threads, 0);
     std::vector<std::thread> others;
-    for (int i = 1; i < threads; i++) others.emplace_back([&work, i] { work(i); });
-    work(0);
+    for (int i = 1; i < threads; i++) others.emplace_back(Team::join, &team);
+    Team::join(&team);
     for (auto& each : others) each.join();
 }
 
@@ -166,7 +176,6 @@ struct Weights {
     alignas(64) bf16 back2[4][4][C2 / 2][C1][2];       // [y][x][output pair][input][2]
     alignas(64) bf16 back3[2][3][3][C3 / 2][TILE][2];  // [half of the inputs][the same]
     alignas(64) bf16 dense[HIDDEN][FEATURES];
-    alignas(64) bf16 back_dense[FEATURES / TILE][HIDDEN / 2][TILE][2];
     alignas(64) float b1[C1], b2[C2], b3[C3], b4[HIDDEN];
     float scale;                                       // of the first layer's weights
 };
@@ -187,6 +196,7 @@ struct Scratch {
     alignas(64) bf16 a0_pairs[2 * A0], a1_pairs[2 * A1], a2_pairs[2 * A2];
     alignas(64) bf16 d1_pairs[2 * A1], d2_pairs[2 * A2], d3_pairs[2 * A3];
     alignas(64) bf16 d1[2][A1], d2[2][S2 * PADDED * C2], d3[2][S3 * PADDED * C3];
+    alignas(64) bf16 dense_pairs[HIDDEN / 2][TILE][2];  // weights of 32 features
 };
 
 long up(long count, long multiple) { return (count + multiple - 1) / multiple; }
@@ -398,15 +408,9 @@ class Trunk {
                 const int place = k / C2, half = k / TILE % 2;
                 interleave(row, row + K3, w.back3[half][place / 3][place % 3][n / 2][0], TILE);
             }
-        Deal rows(HIDDEN / 2);
+        Deal rows(HIDDEN);
         in_threads(threads, [&](int) {
-            for (long n; rows.next(n);) {
-                round_row(weights[3] + 2 * n * stride, w.dense[2 * n], FEATURES);
-                round_row(weights[3] + (2 * n + 1) * stride, w.dense[2 * n + 1], FEATURES);
-                for (int f = 0; f < FEATURES; f += TILE)
-                    interleave(w.dense[2 * n] + f, w.dense[2 * n + 1] + f,
-                               w.back_dense[f / TILE][n][0], TILE);
-            }
+            for (long n; rows.next(n);) round_row(weights[3] + n * stride, w.dense[n], FEATURES);
         });
     }
 
@@ -418,18 +422,18 @@ class Trunk {
         bf16* features = at_least(features_, up(states, TILE) * TILE * FEATURES);
         prepare(threads);
         Deal convolved(states), tiles(HIDDEN / ROWS), few_tiles(few ? HIDDEN / (ROWS / 2) : 0);
-        std::barrier together(threads);
         in_threads(threads, [&](int thread) {
             for (long i; convolved.next(i);) {
                 Activations& a = keep ? kept_[i] : scratch_[thread]->activations;
                 convolve(weights_, pixels + i * A0, a);
                 bf16* group = features + i / TILE * TILE * FEATURES;
-                for (int f = 0; f < FEATURES; f++) {
-                    const long place = few ? i * FEATURES + f : (f / 2 * TILE + i % TILE) * 2 + f % 2;
-                    group[place] = feature(a, f);
-                }
+                for (int c = 0, f = 0; c < C3; c++)
+                    for (int place = 0; place < S3 * S3; place++, f++)
+                        group[few ? i * FEATURES + f : (f / 2 * TILE + i % TILE) * 2 + f % 2] =
+                            a.a3[place * C3 + c];
             }
-            together.arrive_and_wait();
+        });
+        in_threads(threads, [&](int) {
             for (long tile; few_tiles.next(tile);) {
                 const int n = tile * ROWS / 2;
                 if (states == 1) dense_rows<1>(weights_, features, n, out);
@@ -472,20 +476,25 @@ class Trunk {
                 d_pairs[((n / ROWS * pairs + i / 2) * ROWS + n % ROWS) * 2 + i % 2] =
                     d_plain[i * HIDDEN + n];
         Deal placed(2 * pairs), panels(FEATURES / TILE), both(pairs);
-        std::barrier together(threads);
-        in_threads(threads, [&](int thread) {
+        in_threads(threads, [&](int) {
             for (long i; placed.next(i);) {
                 const Activations& a = i < states ? kept_[i] : nothing_;
-                for (int f = 0; f < FEATURES; f++)
-                    a_pairs[((f / TILE * pairs + i / 2) * TILE + f % TILE) * 2 + i % 2] = feature(a, f);
+                for (int c = 0, f = 0; c < C3; c++)
+                    for (int place = 0; place < S3 * S3; place++, f++)
+                        a_pairs[((f / TILE * pairs + i / 2) * TILE + f % TILE) * 2 + i % 2] =
+                            a.a3[place * C3 + c];
             }
-            together.arrive_and_wait();
+        });
+        in_threads(threads, [&](int thread) {
+            auto& dense_pairs = scratch_[thread]->dense_pairs;
             for (long panel; panels.next(panel);) {
+                for (long n = 0; n < HIDDEN; n += 2)
+                    interleave(weights_.dense[n] + panel * TILE, weights_.dense[n + 1] + panel * TILE,
+                               dense_pairs[n / 2][0], TILE);
                 for (long i = 0; i < rows; i += ROWS) {
                     Sums<ROWS> sums;
                     sums.start_at_zero();
-                    sums.add(d_plain + i * HIDDEN, HIDDEN, 2, weights_.back_dense[panel][0][0],
-                             HIDDEN / 2);
+                    sums.add(d_plain + i * HIDDEN, HIDDEN, 2, dense_pairs[0][0], HIDDEN / 2);
                     sums.write(d_features + i * FEATURES + panel * TILE, FEATURES);
                 }
                 for (long n = 0; n < HIDDEN; n += ROWS) {
@@ -496,9 +505,11 @@ class Trunk {
                     sums.write(weights[3] + n * stride + panel * TILE, stride);
                 }
             }
-            together.arrive_and_wait();
+        });
+        for (int thread = 0; thread < threads; thread++)
+            std::memset(&scratch_[thread]->sums, 0, sizeof(Gradients));
+        in_threads(threads, [&](int thread) {
             Scratch& s = *scratch_[thread];
-            std::memset(&s.sums, 0, sizeof s.sums);
             for (long pair; both.next(pair);) {
                 const long i = 2 * pair, j = i + 1 < states ? i + 1 : i;
                 // A last state without a partner takes itself, with gradients of 0.
@@ -530,10 +541,6 @@ class Trunk {
     }
 
   private:
-    static bf16 feature(const Activations& a, int f) {
-        return a.a3[f % (S3 * S3) * C3 + f / (S3 * S3)];
-    }
-
     static void round_row(const float* from, bf16* to, int count) {
         for (int i = 0; i < count; i += LANES) store(to + i, _mm512_loadu_ps(from + i));
     }
