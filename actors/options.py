@@ -41,9 +41,8 @@ class ActorOptions:
     envs: Annotated[int, Ge(1), Le(MAX_ENVS)] = 1
     """Number of environments in this process, played with one forward pass."""
     kernel: KernelChoice = "auto"
-    """Code of the network: 'native' is compiled here once, by g++ or clang, and takes a third of
-    the time of 'torch', in bfloat16; 'auto' takes it where it is faster. Evaluators always compute
-    by 'torch' in float32."""
+    """Code of the network: 'torch', or 'native', which g++ or clang compiles here once, and which
+    computes in bfloat16; 'auto' takes what is faster. Evaluators compute by 'torch'."""
     evaluator: bool = False
     """Role of an evaluator: play the learner's evaluation jobs instead of training."""
     name: str | None = None
@@ -61,6 +60,8 @@ class ActorOptions:
         self.clock.check()
         if self.evaluator and self.envs != 1:
             raise InputError("an evaluator plays one game at a time: omit --envs.")
+        if self.evaluator and self.kernel == "native":
+            raise InputError("an evaluator computes in float32: omit --kernel native.")
 
     def check_against(self, config: RunConfig) -> None:
         """Refuses a run that plays something other than these options ask for."""

@@ -38,6 +38,8 @@ def join(options: ActorOptions) -> None:
         InputError: the run cannot be joined, or its hub went away for longer than the patience.
     """
     name = _name_of(options)
+    if not options.evaluator:
+        choose_kernel(options.kernel)  # which may compile it, before anybody waits for this actor
     stop = threading.Event()
     on_signals(stop)
     keep_large_blocks()
@@ -85,9 +87,10 @@ def _play(member: Member, options: ActorOptions) -> None:
                 f"{config.action_count}: install the versions of requirements.lock."
             )
         network = build_network(config, actions)
-        fits = not options.evaluator and NativeQNetwork.fits(network)
+        if not options.evaluator and choose_kernel(options.kernel, network):
+            network = NativeQNetwork(network)
         policy = Policy(
-            NativeQNetwork(network) if fits and choose_kernel(options.kernel) else network,
+            network,
             actions,
             np.random.default_rng(policy_seed),
             envs=options.envs,

@@ -12,6 +12,8 @@ from common.process.log_lines import say_aside
 if TYPE_CHECKING:  # a command line is parsed without PyTorch
     import torch
 
+    from common.network import QNetwork
+
 DeviceChoice = Literal["auto", "cpu", "cuda"]
 PrecisionChoice = Literal["auto", "float32", "bfloat16"]
 
@@ -60,6 +62,7 @@ def choose_device(
     precision: PrecisionChoice,
     kernel: KernelChoice = "auto",
     *,
+    network: "QNetwork | None" = None,
     graphs: bool = False,
 ) -> Device:
     """Returns the requested device; 'auto' takes CUDA if it is available.
@@ -68,7 +71,7 @@ def choose_device(
     half the time. A warning tells of bfloat16 that is not native. Without CUDA, ``graphs`` has no
     effect.
 
-    ``kernel`` is chosen as `choose_kernel` does, for bfloat16 on a CPU.
+    The kernel is chosen as `choose_kernel` does for ``network``, for bfloat16 on a CPU.
 
     Raises:
         InputError: CUDA or the compiled code was requested but is not available.
@@ -96,5 +99,5 @@ def choose_device(
             "the native kernel computes in bfloat16 on a CPU: omit --kernel native, or give "
             "--device cpu --precision bfloat16."
         )
-    compiled = kind == "cpu" and bfloat16 and choose_kernel(kernel)
+    compiled = kind == "cpu" and bfloat16 and choose_kernel(kernel, network)
     return Device(torch.device(kind), bfloat16, graphs and kind == "cuda", compiled)

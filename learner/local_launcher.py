@@ -14,7 +14,8 @@ def launch(options: LearnerOptions, endpoint: str, folder: RunFolder) -> Supervi
     their deadlines do not wait.
     """
     actors, evaluators = local_names(options)
-    playing = ["--envs", str(options.envs), "--kernel", options.kernel]
+    kernel = "torch" if options.precision == "float32" else options.kernel
+    playing = ["--envs", str(options.envs), "--kernel", kernel]
     roles = dict.fromkeys(actors, playing)
     roles |= {name: ["--evaluator"] for name in evaluators}
     common = ["--connect", endpoint, "--run", folder.name, *options.clock.flags()]

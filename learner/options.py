@@ -78,9 +78,8 @@ class LearnerOptions(RunOptions):
     """Precision of the updates; 'auto' takes bfloat16 if the hardware multiplies it natively.
     Without that, bfloat16 is far slower than float32."""
     kernel: KernelChoice = "auto"
-    """Code of an update in bfloat16 on a CPU, and of local mode's actors: 'native' is compiled here
-    once, by g++ or clang, and takes half the time of 'torch'; 'auto' takes it where it is
-    faster."""
+    """Code of an update in bfloat16 on a CPU, and of local mode's actors: 'torch', or 'native',
+    which g++ or clang compiles here once; 'auto' takes what is faster."""
     cuda_graphs: bool = False
     """Record an update once as a CUDA graph, and launch it as a whole from then on. No effect
     without CUDA."""

@@ -51,7 +51,11 @@ def train(options: LearnerOptions, again: bool) -> int:
     network = first_network(options, folder)
     demonstrations = begin_with(options.demonstrations, config, folder, resume=options.resume)
     device = choose_device(
-        options.device, options.precision, options.kernel, graphs=options.cuda_graphs
+        options.device,
+        options.precision,
+        options.kernel,
+        network=network,
+        graphs=options.cuda_graphs,
     )
     algorithm = build_algorithm(config, network, device)
     keep_large_blocks()

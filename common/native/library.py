@@ -6,6 +6,7 @@ compiler.
 
 import hashlib
 import os
+import shlex
 import shutil
 import stat
 import subprocess
@@ -61,7 +62,7 @@ def _compiled() -> Path:
     if shipped.exists():
         return shipped
     compiler = _compiler()
-    path = _folder() / _name(_run([compiler, "--version"]))
+    path = _folder() / _name(_run([*compiler, "--version"]))
     if not path.exists():
         _compile(compiler, path)
     _check_own(path)
@@ -74,26 +75,27 @@ def _name(compiler: str = "") -> str:
     return f"trunk-{hashlib.sha256(told.encode()).hexdigest()[:16]}.so"
 
 
-def _compiler() -> str:
+def _compiler() -> list[str]:
     """Returns the compiler's command. Raises NativeUnavailableError if there is none."""
     compiler = os.environ.get("CXX") or next(filter(shutil.which, _COMPILERS), None)
     if compiler is None:
         raise NativeUnavailableError("there is no C++ compiler here: install g++ or clang")
-    return compiler
+    return shlex.split(compiler)
 
 
-def _compile(compiler: str, path: Path) -> None:
+def _compile(compiler: list[str], path: Path) -> None:
     """Makes the file at ``path``. Raises OSError or NativeUnavailableError."""
     with tempfile.TemporaryDirectory(dir=path.parent) as folder:
         made = Path(folder, path.name)
-        _run([compiler, *_FLAGS, str(_SOURCE), "-o", str(made)])
+        _run([*compiler, *_FLAGS, str(_SOURCE), "-o", str(made)])
+        made.chmod(0o755)  # whatever the umask: only the user may write it, and all may load it
         made.rename(path)  # at once, or another process would load half of it
 
 
 def _folder() -> Path:
     """Returns the folder of compiled files, which only this user may change."""
-    caches = os.environ.get("XDG_CACHE_HOME")
-    folder = (Path(caches) if caches else Path.home() / ".cache") / "ale-robot"
+    caches = Path(os.environ.get("XDG_CACHE_HOME", ""))
+    folder = (caches if caches.is_absolute() else Path.home() / ".cache") / "ale-robot"
     folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     _check_own(folder)
     return folder
@@ -104,7 +106,7 @@ def _check_own(path: Path) -> None:
     status = path.stat()
     if status.st_uid != os.geteuid() or status.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
         raise NativeUnavailableError(
-            f"other users may write {path}: remove it, or name a folder of your own by "
+            f"{path} is not yours alone to write: remove it, or name a folder of your own by "
             "XDG_CACHE_HOME"
         )
 
@@ -112,7 +114,9 @@ def _check_own(path: Path) -> None:
 def _run(command: list[str]) -> str:
     """Returns what ``command`` prints. Raises NativeUnavailableError if it fails."""
     try:
-        done = subprocess.run(command, capture_output=True, text=True, timeout=_SECONDS)
+        done = subprocess.run(
+            command, capture_output=True, text=True, errors="replace", timeout=_SECONDS
+        )
     except (OSError, subprocess.TimeoutExpired) as error:
         raise NativeUnavailableError(f"the compiler cannot run: {error}") from None
     if done.returncode:

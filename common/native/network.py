@@ -15,6 +15,7 @@ from common.network import QNetwork
 _KERNELS = [((32, 4, 8, 8), (4, 4)), ((64, 32, 4, 4), (2, 2)), ((64, 64, 3, 3), (1, 1))]
 """Shapes of the convolutions' weights, and strides, for which the code is written."""
 _FEATURES, _HIDDEN = 64 * 7 * 7, 512
+_FRAMES = (4, 84, 84)
 _PIXELS = (21, 21, 64)
 """A state's pixels: blocks down and across, and the 4 × 4 pixels of each in all four frames."""
 
@@ -34,7 +35,8 @@ class NativeQNetwork(QNetwork):
     layer in bfloat16 with sums in float32, all else in float32.
 
     The compiled code has its own copy of the weights: call `pack` when an optimizer has changed
-    them. It keeps one forward pass with gradients at a time, which `backward` then takes.
+    them. It keeps one forward pass with gradients, until `backward` takes it; PyTorch does further
+    ones.
     """
 
     def __init__(self, master: QNetwork) -> None:
@@ -76,8 +78,13 @@ class NativeQNetwork(QNetwork):
         )
 
     def as_pixels(self, frames: Tensor, dtype: torch.dtype = torch.bfloat16) -> Tensor:
-        """Returns ``frames`` as `hidden_units` takes them, ``bfloat16 [batch, 21, 21, 64]``."""
-        assert dtype == torch.bfloat16
+        """Returns ``frames`` as `hidden_units` takes them, ``bfloat16 [batch, 21, 21, 64]``.
+
+        Raises:
+            ValueError: they are not ``uint8 [batch, 4, 84, 84]``, or another type is asked for.
+        """
+        if frames.dtype != torch.uint8 or frames.shape[1:] != _FRAMES or dtype != torch.bfloat16:
+            raise ValueError(f"no pixels of {dtype} from {frames.dtype} {tuple(frames.shape)}")
         frames = frames.contiguous()
         pixels = torch.empty(len(frames), *_PIXELS, dtype=dtype)
         self._library.trunk_pixels(
@@ -88,14 +95,14 @@ class NativeQNetwork(QNetwork):
 
     def hidden_units(self, frames: Tensor, vectors: Tensor) -> Tensor:
         pixels = frames if frames.is_floating_point() else self.as_pixels(frames)
-        assert pixels.shape[1:] == _PIXELS
-        assert pixels.dtype == torch.bfloat16
+        if pixels.dtype != torch.bfloat16 or pixels.shape[1:] != _PIXELS:
+            raise ValueError(f"not pixels: {pixels.dtype} {tuple(pixels.shape)}")
+        if vectors.shape != (len(pixels), self.hidden.in_features - _FEATURES):
+            raise ValueError(f"vectors of another shape: {tuple(vectors.shape)}")
+        pixels = pixels.contiguous()
         differentiable = torch.is_grad_enabled()
         if differentiable and self._kept is not None:
-            raise RuntimeError(
-                "the native kernel takes one forward pass with gradients per update, and the loss "
-                "takes more: give --kernel torch."
-            )
+            return super().hidden_units(_frames_of(pixels), vectors)
         units = torch.empty(len(pixels), _HIDDEN)
         self._library.trunk_forward(
             *(self._trunk, pixels.data_ptr(), len(pixels), differentiable),
@@ -109,7 +116,7 @@ class NativeQNetwork(QNetwork):
     @torch.no_grad()
     def backward(self) -> None:
         """Gives the layers of the compiled code their gradients, from that of the units; none if
-        the loss did not depend on them."""
+        the loss did not depend on them. Those of an earlier update must have been taken away."""
         kept, self._kept = self._kept, None
         if kept is None or kept.units.grad is None:
             return
@@ -125,11 +132,20 @@ class NativeQNetwork(QNetwork):
         for parameter, gradient in zip(
             (*self._weights, *self._biases), self._gradients, strict=True
         ):
-            parameter.grad = gradient
+            if parameter.grad is None:
+                parameter.grad = gradient
+            else:  # of a further forward pass
+                parameter.grad += gradient
 
 
 def _convolutions(network: QNetwork) -> list[nn.Conv2d]:
     return [layer for layer in network.convolutions if isinstance(layer, nn.Conv2d)]
+
+
+def _frames_of(pixels: Tensor) -> Tensor:
+    """Returns pixels as `QNetwork` takes them, ``float32 [batch, 4, 84, 84]``."""
+    blocks = pixels.float().reshape(-1, 21, 21, 4, 4, 4)
+    return blocks.permute(0, 3, 1, 4, 2, 5).reshape(-1, *_FRAMES)
 
 
 def _addresses(tensors: Sequence[Tensor]) -> object:

@@ -14,10 +14,11 @@
 // `a` are activations, `d` the gradients of the loss by what comes before their ReLU, `w` weights,
 // `g` gradients of weights. `pairs` hold two states, [y][x][channel][2].
 //
-// Callers check all sizes and addresses; see library.py.
+// network.py checks all sizes.
 
 #include <immintrin.h>
 
+#include <algorithm>
 #include <atomic>
 #include <cmath>
 #include <cstdint>
@@ -45,7 +46,8 @@ constexpr int K1 = 4 * C0, K2 = 16 * C1, K3 = 9 * C2;  // inputs of a kernel
 constexpr int LANES = 16;                    // sums in a vector
 constexpr int TILE = 2 * LANES;              // sums side by side in most products
 constexpr int ROWS = 8;                      // sums below each other in those of the dense layer
-constexpr int FEW = 4;                       // states that the dense layer takes one by one
+constexpr int FEW = 4;                       // states that the dense layer takes one by one,
+                                             // as fast as it can read its weights
 constexpr int PADDED = S2 + 2;               // a row of d with zeros at both ends
 
 // ------------------------------------------------------------------------------------- vectors
@@ -237,24 +239,6 @@ void convolve(const Weights& w, const bf16* a0, Activations& a) {
         }
 }
 
-// The dense layer of so few states that its time is that of reading the weights. Both operands are
-// vectors of pairs of features, which lie side by side in both: [state][feature].
-template <int STATES>
-void dense_rows(const Weights& w, const bf16* features, int n, float* out) {
-    Sums<ROWS / 2, STATES> sums;
-    sums.start_at_zero();
-    for (int f = 0; f < FEATURES; f += TILE) {
-        __m512bh of_state[STATES];
-        for (int i = 0; i < STATES; i++) of_state[i] = load(features + i * FEATURES + f);
-        sums.each([&](__m512& sum, int r, int i) {
-            sum = _mm512_dpbf16_ps(sum, load(w.dense[n + r] + f), of_state[i]);
-        });
-    }
-    sums.each([&](__m512& sum, int r, int i) {
-        out[i * HIDDEN + n + r] = _mm512_reduce_add_ps(sum) + w.b4[n + r];
-    });
-}
-
 // ------------------------------------------------------------------------------------ backward
 
 void add_places(float* sums, const bf16* d, int places, int channels) {
@@ -416,43 +400,25 @@ class Trunk {
 
     void forward(const bf16* pixels, long states, bool keep, float* out, int threads) {
         if (keep) at_least(kept_, states);
-        // What the dense layer takes: [state][feature] of few states, otherwise
-        // [group of 32 states][pair of features][state][2].
-        const bool few = states <= FEW;
-        bf16* features = at_least(features_, up(states, TILE) * TILE * FEATURES);
+        at_least(features_, up(states, TILE) * TILE * FEATURES);
         prepare(threads);
-        Deal convolved(states), tiles(HIDDEN / ROWS), few_tiles(few ? HIDDEN / (ROWS / 2) : 0);
+        Deal convolved(states);
         in_threads(threads, [&](int thread) {
             for (long i; convolved.next(i);) {
                 Activations& a = keep ? kept_[i] : scratch_[thread]->activations;
                 convolve(weights_, pixels + i * A0, a);
-                bf16* group = features + i / TILE * TILE * FEATURES;
                 for (int c = 0, f = 0; c < C3; c++)
                     for (int place = 0; place < S3 * S3; place++, f++)
-                        group[few ? i * FEATURES + f : (f / 2 * TILE + i % TILE) * 2 + f % 2] =
-                            a.a3[place * C3 + c];
+                        features_[feature_at(i, f, states)] = a.a3[place * C3 + c];
             }
         });
+        Deal tiles(HIDDEN / ROWS);
         in_threads(threads, [&](int) {
-            for (long tile; few_tiles.next(tile);) {
-                const int n = tile * ROWS / 2;
-                if (states == 1) dense_rows<1>(weights_, features, n, out);
-                if (states == 2) dense_rows<2>(weights_, features, n, out);
-                if (states == 3) dense_rows<3>(weights_, features, n, out);
-                if (states == 4) dense_rows<4>(weights_, features, n, out);
-            }
-            for (long tile; !few && tiles.next(tile);)
-                for (long first = 0; first < states; first += TILE) {
-                    Sums<ROWS> sums;
-                    sums.start_at_zero();
-                    sums.add(weights_.dense[tile * ROWS], FEATURES, 2, features + first * FEATURES,
-                             FEATURES / 2);
-                    float values[ROWS][TILE];
-                    sums.write(values[0], TILE);
-                    for (long i = 0; i < TILE && first + i < states; i++)
-                        for (long r = 0, n = tile * ROWS; r < ROWS; r++, n++)
-                            out[(first + i) * HIDDEN + n] = values[r][i] + weights_.b4[n];
-                }
+            for (long tile; tiles.next(tile);)
+                if (states <= FEW)
+                    dense_few(tile * ROWS, states, out);
+                else
+                    dense_many(tile * ROWS, states, out);
         });
     }
 
@@ -475,7 +441,9 @@ class Trunk {
             for (int n = 0; n < HIDDEN; n++)
                 d_pairs[((n / ROWS * pairs + i / 2) * ROWS + n % ROWS) * 2 + i % 2] =
                     d_plain[i * HIDDEN + n];
-        Deal placed(2 * pairs), panels(FEATURES / TILE), both(pairs);
+        // Each share of the pairs has its own sums, so that these do not depend on who is quicker.
+        const long shares = std::min<long>(threads, pairs);
+        Deal placed(2 * pairs), panels(FEATURES / TILE), dealt(shares);
         in_threads(threads, [&](int) {
             for (long i; placed.next(i);) {
                 const Activations& a = i < states ? kept_[i] : nothing_;
@@ -506,25 +474,16 @@ class Trunk {
                 }
             }
         });
-        for (int thread = 0; thread < threads; thread++)
-            std::memset(&scratch_[thread]->sums, 0, sizeof(Gradients));
-        in_threads(threads, [&](int thread) {
-            Scratch& s = *scratch_[thread];
-            for (long pair; both.next(pair);) {
-                const long i = 2 * pair, j = i + 1 < states ? i + 1 : i;
-                // A last state without a partner takes itself, with gradients of 0.
-                const bf16* const a0[2] = {pixels + i * A0, pixels + j * A0};
-                const Activations* const a[2] = {&kept_[i], &kept_[j]};
-                const float* const of[2] = {d_features + i * FEATURES,
-                                            j > i ? d_features + j * FEATURES : no_gradients_};
-                third_layer(a, of, s);
-                second_layer(weights_, a, s);
-                first_layer(weights_, a0, a, s);
+        in_threads(threads, [&](int) {
+            for (long share; dealt.next(share);) {
+                std::memset(&scratch_[share]->sums, 0, sizeof(Gradients));
+                for (long pair = share; pair < pairs; pair += shares)
+                    add_pair(pixels, states, pair, d_features, *scratch_[share]);
             }
         });
         Gradients& total = scratch_[0]->sums;
-        for (int thread = 1; thread < threads; thread++) {
-            const float* more = (const float*)&scratch_[thread]->sums;
+        for (long share = 1; share < shares; share++) {
+            const float* more = (const float*)&scratch_[share]->sums;
             float* sums = (float*)&total;
             for (unsigned long i = 0; i < sizeof total / sizeof(float); i++) sums[i] += more[i];
         }
@@ -541,6 +500,56 @@ class Trunk {
     }
 
   private:
+    // The place of a feature among those of few states, [state][feature], or of many,
+    // [group of 32 states][pair of features][state][2].
+    static long feature_at(long state, int f, long states) {
+        if (states <= FEW) return state * FEATURES + f;
+        return state / TILE * TILE * FEATURES + (f / 2 * TILE + state % TILE) * 2 + f % 2;
+    }
+
+    void dense_few(int n, long states, float* out) const {
+        for (long i = 0; i < states; i++) {
+            Sums<ROWS, 1> sums;
+            sums.start_at_zero();
+            for (int f = 0; f < FEATURES; f += TILE) {
+                const __m512bh of_state = load(features_.data() + i * FEATURES + f);
+                sums.each([&](__m512& sum, int r, int) {
+                    sum = _mm512_dpbf16_ps(sum, load(weights_.dense[n + r] + f), of_state);
+                });
+            }
+            sums.each([&](__m512& sum, int r, int) {
+                out[i * HIDDEN + n + r] = _mm512_reduce_add_ps(sum) + weights_.b4[n + r];
+            });
+        }
+    }
+
+    void dense_many(int n, long states, float* out) const {
+        for (long first = 0; first < states; first += TILE) {
+            Sums<ROWS> sums;
+            sums.start_at_zero();
+            sums.add(weights_.dense[n], FEATURES, 2, features_.data() + first * FEATURES,
+                     FEATURES / 2);
+            float values[ROWS][TILE];
+            sums.write(values[0], TILE);
+            for (long i = 0; i < TILE && first + i < states; i++)
+                for (int r = 0; r < ROWS; r++)
+                    out[(first + i) * HIDDEN + n + r] = values[r][i] + weights_.b4[n + r];
+        }
+    }
+
+    // Adds the gradients of the convolutions' weights by two states. A last state without a partner
+    // takes itself, with gradients of 0.
+    void add_pair(const bf16* pixels, long states, long pair, const float* d_features, Scratch& s) {
+        const long i = 2 * pair, j = i + 1 < states ? i + 1 : i;
+        const bf16* const a0[2] = {pixels + i * A0, pixels + j * A0};
+        const Activations* const a[2] = {&kept_[i], &kept_[j]};
+        const float* const of[2] = {d_features + i * FEATURES,
+                                    j > i ? d_features + j * FEATURES : no_gradients_};
+        third_layer(a, of, s);
+        second_layer(weights_, a, s);
+        first_layer(weights_, a0, a, s);
+    }
+
     static void round_row(const float* from, bf16* to, int count) {
         for (int i = 0; i < count; i += LANES) store(to + i, _mm512_loadu_ps(from + i));
     }

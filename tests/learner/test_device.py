@@ -6,7 +6,10 @@ import torch
 
 from common.errors import InputError
 from common.metrics import METRICS
+from common.network import QNetwork
+from common.run.config import LearningConfig
 from learner.device import Device, DeviceChoice, PrecisionChoice, choose_device
+from tests.native import NEEDS_NATIVE
 
 GPU = Device(torch.device("cuda"), bfloat16=True)
 
@@ -70,6 +73,18 @@ def test_the_native_kernel_is_for_bfloat16_on_a_cpu(
     with pytest.raises(InputError, match="bfloat16 on a CPU: omit --kernel native"):
         choose_device(device, precision, "native")
     assert not choose_device(device, precision, "auto").native
+
+
+@NEEDS_NATIVE
+def test_the_native_kernel_is_taken_unless_another_is_asked_for(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(torch.cpu, "get_capabilities", lambda: {"avx512_bf16": True})
+    small = QNetwork(6, learning=LearningConfig(network="nips"))
+    assert choose_device("cpu", "auto").native
+    assert choose_device("cpu", "auto", network=QNetwork(6)).name == "cpu (bfloat16, native)"
+    assert not choose_device("cpu", "auto", "torch").native
+    assert not choose_device("cpu", "auto", network=small).native
 
 
 def test_a_gpu_that_only_emulates_bfloat16_is_called_one(

@@ -7,6 +7,8 @@ from common.errors import InputError
 from common.native import kernel as module
 from common.native.kernel import KernelChoice, choose_kernel
 from common.native.library import NativeUnavailableError
+from common.network import QNetwork
+from common.run.config import LearningConfig
 
 
 @pytest.fixture
@@ -38,6 +40,16 @@ def test_auto_takes_it_where_it_is_faster(
     monkeypatch.setattr(torch.cpu, "get_capabilities", lambda: dict.fromkeys(has, True))
     assert choose_kernel(kernel) is used
     assert len(calls) == used  # nothing is compiled in vain
+
+
+def test_other_networks_are_pytorchs(calls: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(torch.cpu, "get_capabilities", lambda: {"avx512_bf16": True})
+    small = QNetwork(6, learning=LearningConfig(network="nips"))
+    assert not choose_kernel("auto", small)
+    with pytest.raises(InputError, match=r"for --learning\.network nature with four frames"):
+        choose_kernel("native", small)
+    assert calls == []
+    assert choose_kernel("auto", QNetwork(6))
 
 
 def test_a_processor_that_cannot_is_told(monkeypatch: pytest.MonkeyPatch) -> None:

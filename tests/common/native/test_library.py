@@ -1,5 +1,8 @@
 """When the library is compiled, and what is told if it cannot be."""
 
+import os
+import platform
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -101,12 +104,69 @@ def test_a_compiler_that_is_not_there_is_told(
 
 
 @pytest.mark.parametrize("which", ["file", "folder"])
-def test_code_that_others_may_write_is_not_run(compiler: Path, which: str) -> None:
+@pytest.mark.parametrize("mode", [0o720, 0o702])
+def test_code_that_others_may_write_is_not_run(compiler: Path, which: str, mode: int) -> None:
     compiler.with_name("made").write_text("code")
     path = module._compiled()
-    (path if which == "file" else path.parent).chmod(0o777)
-    with pytest.raises(NativeUnavailableError, match="other users may write"):
+    (path if which == "file" else path.parent).chmod(mode)
+    with pytest.raises(NativeUnavailableError, match="is not yours alone to write"):
         library()
+
+
+def test_code_of_another_user_is_not_run(compiler: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    compiler.with_name("made").write_text("code")
+    module._compiled()
+    other = os.geteuid() + 1
+    monkeypatch.setattr(os, "geteuid", lambda: other)
+    with pytest.raises(NativeUnavailableError, match="is not yours alone to write"):
+        library()
+
+
+@pytest.mark.parametrize("mask", [0o002, 0o077])
+def test_the_umask_does_not_decide_who_may_write_it(compiler: Path, mask: int) -> None:
+    made = compiler.with_name("made")
+    made.write_text("code")
+    made.chmod(0o775)
+    before = os.umask(mask)
+    try:
+        assert module._compiled().stat().st_mode & 0o777 == 0o755
+    finally:
+        os.umask(before)
+
+
+def test_a_compiler_may_have_arguments(compiler: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    compiler.with_name("made").write_text("code")
+    monkeypatch.setenv("CXX", f"env {compiler}")
+    assert module._compiled().read_text() == "code"
+
+
+@pytest.mark.parametrize("caches", ["", "relative"])
+def test_without_a_folder_for_caches_it_is_in_the_users_own(
+    compiler: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caches: str
+) -> None:
+    compiler.with_name("made").write_text("code")
+    monkeypatch.setenv("XDG_CACHE_HOME", caches)
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    assert module._compiled().parent == tmp_path / "home" / ".cache" / "ale-robot"
+
+
+def test_a_home_that_cannot_be_written_is_told(
+    compiler: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "file").touch()
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
+    with pytest.raises(NativeUnavailableError, match="Not a directory"):
+        library()
+
+
+@pytest.mark.skipif(
+    platform.machine() != "x86_64" or not any(map(shutil.which, module._COMPILERS)),
+    reason="needs a C++ compiler for x86-64",
+)
+def test_the_source_compiles(tmp_path: Path) -> None:
+    """Also where the processor cannot run it."""
+    module._compile(module._compiler(), tmp_path / "trunk.so")
+    assert (tmp_path / "trunk.so").stat().st_size > 10_000
 
 
 def test_a_file_that_is_no_library_is_told(compiler: Path) -> None:
