@@ -202,7 +202,7 @@ def test_the_native_kernel_goes_on_with_loaded_weights_and_after_each_update() -
     """It has a copy of the weights, which would be out of date otherwise."""
     algorithm, other = (double_dqn(_network(seed), LearningConfig(), CPU_NATIVE) for seed in (0, 1))
     learn(other, random_batch())
-    algorithm.load_state(other.state())
+    algorithm.load_state({name: value.clone() for name, value in other.state().items()})
     algorithm.reseed(1)  # whose learning rate is that of the second update
     batch = random_batch(seed=2)
     for each in (algorithm, other):
