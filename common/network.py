@@ -142,8 +142,13 @@ class QNetwork(nn.Module):
         hidden = self.hidden_units(frames, vectors)
         if self.norm is not None:  # in float32, whatever the precision of the layers
             hidden = self.norm(hidden.float()).to(hidden.dtype)
-        numbers: Tensor = self.actions(relu(hidden)).float()
+        numbers = self.outputs(relu(hidden)).float()
         return numbers.view(len(numbers), self.action_count, -1)
+
+    def outputs(self, hidden: Tensor) -> Tensor:
+        """Returns the last layer's outputs, ``[batch, actions × atoms]``."""
+        numbers: Tensor = self.actions(hidden)
+        return numbers
 
     def hidden_units(self, frames: Tensor, vectors: Tensor) -> Tensor:
         """Returns the first dense layer's outputs, ``[batch, hidden]``, before their ReLU."""

@@ -16,6 +16,8 @@ _KERNELS = [((32, 4, 8, 8), (4, 4)), ((64, 32, 4, 4), (2, 2)), ((64, 64, 3, 3), 
 """Shapes of the convolutions' weights, and strides, for which the code is written."""
 _FEATURES, _HIDDEN = 64 * 7 * 7, 512
 _FRAMES = (4, 84, 84)
+_FEW = 8
+"""States whose last layer takes less time than the conversion of its weights."""
 _PIXELS = (21, 21, 64)
 """A state's pixels: blocks down and across, and the 4 × 4 pixels of each in all four frames."""
 
@@ -31,8 +33,8 @@ class _Kept(NamedTuple):
 
 
 class NativeQNetwork(QNetwork):
-    """Computes what ``master`` computes, from the same parameters: convolutions and first dense
-    layer in bfloat16 with sums in float32, all else in float32.
+    """Computes what ``master`` computes, from the same parameters: convolutions and dense layers in
+    bfloat16, all but the last one with sums in float32.
 
     The compiled code has its own copy of the weights: call `pack` when an optimizer has changed
     them. It keeps one forward pass with gradients, until `backward` takes it; PyTorch does further
@@ -112,6 +114,12 @@ class NativeQNetwork(QNetwork):
         if differentiable:
             self._kept = _Kept(pixels, units.requires_grad_(), weight.requires_grad_())
         return units + linear(vectors, weight) if vectors.shape[1] else units
+
+    def outputs(self, hidden: Tensor) -> Tensor:
+        if len(hidden) <= _FEW:
+            return super().outputs(hidden)
+        weight, bias = self.actions.weight.bfloat16(), self.actions.bias.bfloat16()
+        return linear(hidden.bfloat16(), weight, bias)
 
     @torch.no_grad()
     def backward(self) -> None:

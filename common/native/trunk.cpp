@@ -209,6 +209,30 @@ T* at_least(std::vector<T>& memory, long count) {
     return memory.data();
 }
 
+// -------------------------------------------------------------------------------------- pixels
+
+// Returns the mean of `count` pixels, a multiple of 16; a half goes to the even number.
+int mean_of(const std::uint8_t* pixels, int count) {
+    __m128i sums = _mm_setzero_si128();
+    for (int p = 0; p < count; p += 16) {
+        const __m128i sixteen = _mm_loadu_si128((const __m128i*)(pixels + p));
+        sums = _mm_add_epi64(sums, _mm_sad_epu8(sixteen, _mm_setzero_si128()));
+    }
+    return (int)std::nearbyint((double)(_mm_extract_epi64(sums, 0) + _mm_extract_epi64(sums, 1)) / count);
+}
+
+// Writes 16 pixels of a row, less those before and less `grey`, to a row of four blocks.
+inline void place_pixels(const std::uint8_t* now, const std::uint8_t* before, int grey, bf16* to) {
+    const auto widened = [](const std::uint8_t* from) {
+        return _mm512_cvtepu8_epi32(_mm_loadu_si128((const __m128i*)from));
+    };
+    const __m512i less = before ? widened(before) : _mm512_set1_epi32(grey);
+    bf16 row[LANES];
+    store(row, _mm512_cvtepi32_ps(_mm512_sub_epi32(widened(now), less)));
+    for (int b = 0; b < LANES / BLOCK; b++)
+        std::memcpy(to + b * C0, row + b * BLOCK, BLOCK * sizeof(bf16));
+}
+
 // ------------------------------------------------------------------------------------- forward
 
 void convolve(const Weights& w, const bf16* a0, Activations& a) {
@@ -578,23 +602,19 @@ extern "C" {
 // oldest less its mean; or all less the mean of all; or as they are. bfloat16 has them exactly.
 void trunk_pixels(const std::uint8_t* frames, bf16* pixels, long states, int differences, int center,
                   int threads) {
+    constexpr int FRAME = SIDE * SIDE;
     Deal all(states);
     in_threads(threads, [&](int) {
         for (long i; all.next(i);) {
-            const std::uint8_t* of = frames + i * FRAMES * SIDE * SIDE;
-            long sum = 0, count = (differences ? 1 : FRAMES) * SIDE * SIDE;
-            for (long p = 0; center && p < count; p++) sum += of[p];
-            const int grey = (int)std::nearbyint((double)sum / count);
+            const std::uint8_t* of = frames + i * FRAMES * FRAME;
+            const int grey = center ? mean_of(of, (differences ? 1 : FRAMES) * FRAME) : 0;
             for (int row = 0; row < FRAMES * SIDE; row++) {
                 const int frame = row / SIDE, y = row % SIDE;
                 const std::uint8_t* now = of + row * SIDE;
-                float line[SIDE];
-                for (int x = 0; x < SIDE; x++)
-                    line[x] = (float)(now[x] - (differences && frame ? now[x - SIDE * SIDE] : grey));
+                const std::uint8_t* before = differences && frame ? now - FRAME : nullptr;
                 bf16* to = pixels + i * A0 + y / BLOCK * S0 * C0 + (frame * BLOCK + y % BLOCK) * BLOCK;
-                for (int b = 0; b < S0; b++)
-                    _mm_storel_epi64((__m128i*)(to + b * C0),
-                                     (__m128i)_mm_cvtneps_pbh(_mm_loadu_ps(line + b * BLOCK)));
+                for (int x : {0, 16, 32, 48, 64, SIDE - LANES})  // the last ones overlap
+                    place_pixels(now + x, before ? before + x : nullptr, grey, to + x / BLOCK * C0);
             }
         }
     });
