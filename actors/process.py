@@ -19,12 +19,13 @@ from actors.policy import Policy
 from common.errors import InputError
 from common.native.kernel import choose_kernel
 from common.native.network import NativeQNetwork
-from common.network import build_network
+from common.network import QNetwork, build_network
 from common.process.allocator import keep_large_blocks
 from common.process.lifeline import on_signals
 from common.process.service_manager import tell
 from common.process.threads import end_with_any_thread
 from common.protocol.run_keys import DEMONSTRATIONS, check_name
+from common.run.config import RunConfig
 from common.run.join import find_run, patiently
 from common.transport.chosen import connect
 from common.transport.credentials import check_certificates, own_name
@@ -86,11 +87,8 @@ def _play(member: Member, options: ActorOptions) -> None:
                 f"{config.played} offers {actions} actions here, but the run has "
                 f"{config.action_count}: install the versions of requirements.lock."
             )
-        network = build_network(config, actions)
-        if not options.evaluator and choose_kernel(options.kernel, network):
-            network = NativeQNetwork(network)
         policy = Policy(
-            network,
+            network_of(config, actions, options),
             actions,
             np.random.default_rng(policy_seed),
             envs=options.envs,
@@ -104,6 +102,15 @@ def _play(member: Member, options: ActorOptions) -> None:
             Evaluator(member, envs[0], policy).run(env_seeds[0])
         else:
             Actor(member, envs, policy).run(env_seeds)
+
+
+def network_of(config: RunConfig, actions: int, options: ActorOptions) -> QNetwork:
+    """Returns the run's network with its initial weights, as this process computes it. Raises
+    InputError as `choose_kernel` does."""
+    network = build_network(config, actions)
+    if options.evaluator or not choose_kernel(options.kernel, network):
+        return network
+    return NativeQNetwork(network)
 
 
 def _name_of(options: ActorOptions) -> str:

@@ -22,7 +22,10 @@ class Benchmark:
 BENCHMARKS = {
     "learner_updates": Benchmark(
         "one Double DQN update: by threads and precision, by kind of work, bfloat16's exactness",
-        {"learner_updates": ""},
+        {
+            "learner_updates": "",
+            "learner_updates_128": "--batch-size 128 --compared 0 --rounds 12 --preset",
+        },
     ),
     "env_steps": Benchmark(
         "agent steps of environments on one core, and what one is made of",

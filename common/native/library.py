@@ -46,7 +46,7 @@ def library() -> CDLL:
         NativeUnavailableError: there is no compiler, or it failed, or the file cannot be trusted.
     """
     try:
-        loaded = CDLL(str(_compiled()))
+        loaded = _loaded()
     except (OSError, RuntimeError) as error:  # such as a user without a home
         raise NativeUnavailableError(str(error)) from None
     for name, arguments in _ARGUMENTS.items():
@@ -54,6 +54,19 @@ def library() -> CDLL:
         function.argtypes, function.restype = arguments, None
     loaded.trunk_new.restype = c_void_p
     return loaded
+
+
+def _loaded() -> CDLL:
+    """Returns the compiled file as a library; one that a full disk has damaged is made anew. Raises
+    OSError or NativeUnavailableError."""
+    path = _compiled()
+    try:
+        return CDLL(str(path))
+    except OSError:
+        if path.parent == _SOURCE.parent:
+            raise
+        path.unlink()
+        return CDLL(str(_compiled()))
 
 
 def _compiled() -> Path:

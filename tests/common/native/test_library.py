@@ -169,7 +169,9 @@ def test_the_source_compiles(tmp_path: Path) -> None:
     assert (tmp_path / "trunk.so").stat().st_size > 10_000
 
 
-def test_a_file_that_is_no_library_is_told(compiler: Path) -> None:
+def test_a_file_that_is_no_library_is_made_anew_once_and_told(compiler: Path) -> None:
     compiler.with_name("made").write_text("code")
+    module._compiled()
     with pytest.raises(NativeUnavailableError, match=r"trunk-.*: "):
         library()
+    assert builds(compiler) == 2

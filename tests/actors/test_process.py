@@ -1,0 +1,55 @@
+"""What the process of an actor plays by."""
+
+import numpy as np
+import pytest
+import torch
+
+from actors.options import ActorOptions
+from actors.policy import Policy
+from actors.process import network_of
+from common.errors import InputError
+from common.native.network import NativeQNetwork
+from common.network import build_network
+from common.protocol.weights import encode_weights, load_weights
+from common.run.presets import PRESETS
+from tests.native import NEEDS_NATIVE
+
+pytestmark = NEEDS_NATIVE
+CONFIG = PRESETS["robot"]
+
+
+@pytest.mark.parametrize(
+    ("options", "native"),
+    [
+        (ActorOptions(kernel="native"), True),
+        (ActorOptions(kernel="torch"), False),
+        (ActorOptions(evaluator=True), False),
+        (ActorOptions(evaluator=True, kernel="torch"), False),
+    ],
+)
+def test_training_actors_alone_play_by_the_native_kernel(
+    options: ActorOptions, native: bool
+) -> None:
+    assert isinstance(network_of(CONFIG, 6, options), NativeQNetwork) is native
+
+
+def test_an_evaluator_with_the_native_kernel_is_refused() -> None:
+    with pytest.raises(InputError, match="computes in float32: omit --kernel native"):
+        ActorOptions(evaluator=True, kernel="native").check()
+
+
+def test_new_weights_are_played_at_once() -> None:
+    torch.manual_seed(7)
+    fresh = build_network(CONFIG, 6)
+    with torch.no_grad():
+        for parameter in fresh.parameters():
+            parameter.normal_(0, 0.05)
+    policy = Policy(
+        network_of(CONFIG, 6, ActorOptions(kernel="native")), 6, np.random.default_rng(0)
+    )
+    load_weights(policy.network, encode_weights(fresh, CONFIG))
+    frames = torch.randint(0, 256, (2, 4, 84, 84), dtype=torch.uint8)
+    with torch.no_grad():
+        expected = fresh(frames, torch.zeros(2, 0))
+    played = policy.q_values(frames.numpy(), torch.zeros(2, 0).numpy())
+    torch.testing.assert_close(torch.from_numpy(played), expected, rtol=0.05, atol=0.02)
