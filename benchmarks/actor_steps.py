@@ -2,15 +2,15 @@
 
 A real actor process on a core of its own plays by its network, streams its transitions to a replay
 process on the other cores, and sends its statistics. No learner runs, so the actor is never
-throttled. The network has its initial weights, which take as long to evaluate as trained ones. The
-kinds of actor take turns.
+throttled. The network has its initial weights, which take as long to evaluate as trained ones, and
+without which an actor would play at random. The kinds of actor take turns.
 """
 
 import os
 import subprocess
 import time
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass
 from functools import partial
 
@@ -18,11 +18,17 @@ from benchmarks.hosted_run import NEVER, HostedRun
 from benchmarks.pace import Spread, in_turns
 from benchmarks.report import BenchmarkOptions, Numbers, Report, Seconds, main
 from common.checked import FromOne
+from common.network import build_network
 from common.process.supervisor import Child
+from common.protocol.weights import encode_weights
+from common.protocol.wire import encode_version
+from common.transport.signature import signer
 
 _WARMUP = 256
 _FIRST = 4
 """Chunks that each environment sends before a turn's window begins."""
+_VERSION = 1
+"""Version of the weights: number of updates that made them."""
 _TITLES: dict[str, str] = {"ale": "ALE-Only", "robot": "robot"}
 
 
@@ -58,6 +64,13 @@ class Hub(HostedRun):
         )
         self._core = core
         self._actors = 0
+
+    def _watch(self, stack: ExitStack) -> None:
+        publisher = stack.enter_context(closing(self.transport.publisher(self.keys.weights)))
+        weights = encode_weights(build_network(self.config, self.config.action_count))
+        run = self.keys.run_id
+        signature = signer(None)("training", _VERSION, run, weights)
+        publisher.publish(weights, encode_version(_VERSION, run, signature))
 
     def steps_per_second(self, envs: int, seconds: float) -> float:
         """Returns the agent steps per second of a new actor with ``envs`` environments.
