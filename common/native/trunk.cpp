@@ -470,7 +470,7 @@ class Trunk {
         Deal placed(2 * pairs), panels(FEATURES / TILE), dealt(shares);
         in_threads(threads, [&](int) {
             for (long i; placed.next(i);) {
-                const Activations& a = i < states ? kept_[i] : nothing_;
+                const Activations& a = kept_[std::min(i, states - 1)];  // d is 0 beyond the last one
                 for (int c = 0, f = 0; c < C3; c++)
                     for (int place = 0; place < S3 * S3; place++, f++)
                         a_pairs[((f / TILE * pairs + i / 2) * TILE + f % TILE) * 2 + i % 2] =
@@ -590,7 +590,6 @@ class Trunk {
     std::vector<bf16> features_, d_plain_, d_pairs_, a_pairs_;
     std::vector<float> d_features_;
     std::vector<std::unique_ptr<Scratch>> scratch_;
-    inline static const Activations nothing_{};
     inline static const float no_gradients_[FEATURES]{};
 };
 
