@@ -5,6 +5,7 @@ import socket
 import threading
 import zlib
 from contextlib import ExitStack, closing
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -39,8 +40,9 @@ def join(options: ActorOptions) -> None:
         InputError: the run cannot be joined, or its hub went away for longer than the patience.
     """
     name = _name_of(options)
-    if not options.evaluator:
-        choose_kernel(options.kernel)  # which may compile it, before anybody waits for this actor
+    # Now, for it may have to be compiled, before anybody waits for this actor.
+    if not options.evaluator and not choose_kernel(options.kernel):
+        options = replace(options, kernel="torch")
     stop = threading.Event()
     on_signals(stop)
     keep_large_blocks()

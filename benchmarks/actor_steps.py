@@ -22,7 +22,6 @@ from common.network import build_network
 from common.process.supervisor import Child
 from common.protocol.weights import encode_weights
 from common.protocol.wire import encode_version
-from common.transport.signature import signer
 
 _WARMUP = 256
 _FIRST = 4
@@ -68,9 +67,7 @@ class Hub(HostedRun):
     def _watch(self, stack: ExitStack) -> None:
         publisher = stack.enter_context(closing(self.transport.publisher(self.keys.weights)))
         weights = encode_weights(build_network(self.config, self.config.action_count))
-        run = self.keys.run_id
-        signature = signer(None)("training", _VERSION, run, weights)
-        publisher.publish(weights, encode_version(_VERSION, run, signature))
+        publisher.publish(weights, encode_version(_VERSION, self.keys.run_id))
 
     def steps_per_second(self, envs: int, seconds: float) -> float:
         """Returns the agent steps per second of a new actor with ``envs`` environments.

@@ -276,14 +276,31 @@ void add_places(float* sums, const bf16* d, int places, int channels) {
     }
 }
 
-// Adds the gradients of R inputs' weights, by all V * 16 outputs at S x S places of two states.
-template <int R, int V, int S>
-inline void add_weights(float* g, const bf16* a_pairs, long row, long next, const bf16* d_pairs) {
-    Sums<R, V> sums;
-    sums.start_at(g, V * LANES);
-    for (int y = 0; y < S; y++)
-        sums.add(a_pairs + y * row, 2, next, d_pairs + y * S * V * TILE, S);
-    sums.write(g, V * LANES);
+// Puts rows of d that are padded, `left` places before the first, side by side.
+template <int S, int C>
+inline void pair_rows(const bf16* first, const bf16* second, int left, bf16* pairs) {
+    for (int y = 0; y < S; y++) {
+        const int row = (y * PADDED + left) * C;
+        interleave(first + row, second + row, pairs + 2 * y * S * C, S * C);
+    }
+}
+
+// Adds the gradients of a convolution's weights by two states, R inputs at a time by all V * 16
+// outputs. It sees S_IN x S_IN places of C inputs, and has S x S places of outputs.
+template <int R, int V, int KERNEL, int STRIDE, int S_IN, int C, int S>
+inline void add_weights(float* g, const bf16* first, const bf16* second, bf16* pairs,
+                        const bf16* d_pairs) {
+    interleave(first, second, pairs, S_IN * S_IN * C);
+    for (int k = 0; k < KERNEL * KERNEL * C; k += R) {
+        const int y = k / C / KERNEL, x = k / C % KERNEL, c = k % C;
+        const bf16* inputs = pairs + 2 * ((y * S_IN + x) * C + c);
+        Sums<R, V> sums;
+        sums.start_at(g + k * V * LANES, V * LANES);
+        for (int row = 0; row < S; row++)
+            sums.add(inputs + row * 2 * STRIDE * S_IN * C, 2, 2 * STRIDE * C,
+                     d_pairs + row * S * V * TILE, S);
+        sums.write(g + k * V * LANES, V * LANES);
+    }
 }
 
 void third_layer(const Activations* const a[2], const float* const d_features[2], Scratch& s) {
@@ -300,16 +317,8 @@ void third_layer(const Activations* const a[2], const float* const d_features[2]
             }
             add_places(s.sums.b3, row, S3, C3);
         }
-    for (int y = 0; y < S3; y++) {
-        const int row = (y * PADDED + 2) * C3;
-        interleave(s.d3[0] + row, s.d3[1] + row, s.d3_pairs + 2 * y * S3 * C3, S3 * C3);
-    }
-    interleave(a[0]->a2, a[1]->a2, s.a2_pairs, A2);
-    for (int k = 0; k < K3; k += 4) {
-        const int y = k / C2 / 3, x = k / C2 % 3, c = k % C2;
-        add_weights<4, 4, S3>(s.sums.g3[k], s.a2_pairs + 2 * ((y * S2 + x) * C2 + c), 2 * S2 * C2,
-                              2 * C2, s.d3_pairs);
-    }
+    pair_rows<S3, C3>(s.d3[0], s.d3[1], 2, s.d3_pairs);
+    add_weights<4, 4, 3, 1, S2, C2, S3>(s.sums.g3[0], a[0]->a2, a[1]->a2, s.a2_pairs, s.d3_pairs);
 }
 
 void second_layer(const Weights& w, const Activations* const a[2], Scratch& s) {
@@ -331,16 +340,8 @@ void second_layer(const Weights& w, const Activations* const a[2], Scratch& s) {
             }
             add_places(s.sums.b2, row, S2, C2);
         }
-    for (int y = 0; y < S2; y++) {
-        const int row = (y * PADDED + 1) * C2;
-        interleave(s.d2[0] + row, s.d2[1] + row, s.d2_pairs + 2 * y * S2 * C2, S2 * C2);
-    }
-    interleave(a[0]->a1, a[1]->a1, s.a1_pairs, A1);
-    for (int k = 0; k < K2; k += 4) {
-        const int y = k / C1 / 4, x = k / C1 % 4, c = k % C1;
-        add_weights<4, 4, S2>(s.sums.g2[k], s.a1_pairs + 2 * ((y * S1 + x) * C1 + c), 4 * S1 * C1,
-                              4 * C1, s.d2_pairs);
-    }
+    pair_rows<S2, C2>(s.d2[0], s.d2[1], 1, s.d2_pairs);
+    add_weights<4, 4, 4, 2, S1, C1, S2>(s.sums.g2[0], a[0]->a1, a[1]->a1, s.a1_pairs, s.d2_pairs);
 }
 
 void first_layer(const Weights& w, const bf16* const a0[2], const Activations* const a[2],
@@ -364,12 +365,7 @@ void first_layer(const Weights& w, const bf16* const a0[2], const Activations* c
         add_places(s.sums.b1, s.d1[i], S1 * S1, C1);
     }
     interleave(s.d1[0], s.d1[1], s.d1_pairs, A1);
-    interleave(a0[0], a0[1], s.a0_pairs, A0);
-    for (int k = 0; k < K1; k += 8) {
-        const int y = k / C0 / 2, x = k / C0 % 2, c = k % C0;
-        add_weights<8, 2, S1>(s.sums.g1[k], s.a0_pairs + 2 * ((y * S0 + x) * C0 + c), 2 * S0 * C0,
-                              2 * C0, s.d1_pairs);
-    }
+    add_weights<8, 2, 2, 1, S0, C0, S1>(s.sums.g1[0], a0[0], a0[1], s.a0_pairs, s.d1_pairs);
 }
 
 // ------------------------------------------------------------------------------------ the trunk

@@ -74,7 +74,7 @@ class Bfloat16Precision(Precision):
 
 
 class NativePrecision(Precision):
-    """Computes the large layers in bfloat16 by compiled code, the others in float32."""
+    """Computes the large layers by compiled code, see `NativeQNetwork`."""
 
     dtype = torch.bfloat16
 
