@@ -42,7 +42,7 @@ class ActorOptions:
     """Number of environments in this process, played with one forward pass."""
     kernel: KernelChoice = "auto"
     """Code of the network: 'torch', or 'native', which g++ or clang compiles here once, and which
-    computes in bfloat16; 'auto' takes what is faster. Evaluators compute by 'torch'."""
+    computes in float32 or bfloat16; 'auto' takes what is faster. Evaluators compute by 'torch'."""
     evaluator: bool = False
     """Role of an evaluator: play the learner's evaluation jobs instead of training."""
     name: str | None = None

@@ -18,7 +18,7 @@ from actors.member import Member
 from actors.options import ActorOptions
 from actors.policy import Policy
 from common.errors import InputError
-from common.native.kernel import choose_kernel
+from common.native.kernel import choose_kernel, fastest_numbers
 from common.native.network import NativeQNetwork
 from common.network import QNetwork, build_network
 from common.process.allocator import keep_large_blocks
@@ -41,7 +41,7 @@ def join(options: ActorOptions) -> None:
     """
     name = _name_of(options)
     # Now, for it may have to be compiled, before anybody waits for this actor.
-    if not options.evaluator and not choose_kernel(options.kernel):
+    if not options.evaluator and not choose_kernel(options.kernel, fastest_numbers()):
         options = replace(options, kernel="torch")
     stop = threading.Event()
     on_signals(stop)
@@ -109,10 +109,10 @@ def _play(member: Member, options: ActorOptions) -> None:
 def network_of(config: RunConfig, actions: int, options: ActorOptions) -> QNetwork:
     """Returns the run's network with its initial weights, as this process computes it. Raises
     InputError as `choose_kernel` does."""
-    network = build_network(config, actions)
-    if options.evaluator or not choose_kernel(options.kernel, network):
+    network, numbers = build_network(config, actions), fastest_numbers()
+    if options.evaluator or not choose_kernel(options.kernel, numbers, network):
         return network
-    return NativeQNetwork(network)
+    return NativeQNetwork(network, numbers)
 
 
 def _name_of(options: ActorOptions) -> str:

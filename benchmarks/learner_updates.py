@@ -4,7 +4,7 @@
 * Time by kind of work, from PyTorch's profiler; on the CPU only.
 * Time by layer, each alone, beside the best rate of PyTorch's products; on the CPU only.
 * Time by part of the native kernel, each alone; where it can be compiled.
-* bfloat16, by PyTorch and by the native kernel, against float32: learners learn from the same
+* bfloat16, and the native kernel, against float32 by PyTorch: learners learn from the same
   minibatches, whose frames come from random play in the emulator.
 """
 
@@ -29,6 +29,7 @@ from benchmarks.random_play import random_play
 from benchmarks.replay import draw
 from benchmarks.report import BenchmarkOptions, Report, Table, main
 from common.checked import FromOne
+from common.native.kernel import choose_kernel
 from common.network import build_network
 from common.process.allocator import keep_large_blocks
 from common.run.config import RunConfig
@@ -83,12 +84,13 @@ def algorithm_of(config: RunConfig, device: Device) -> Algorithm:
 
 
 def precisions_of(chosen: Device) -> dict[str, Device]:
-    """Returns float32, bfloat16 by PyTorch, and what is ``chosen`` if that is something else."""
-    return {
-        "float32": Device(chosen.torch, bfloat16=False),
-        "bfloat16": Device(chosen.torch, bfloat16=True),
-        **({"bfloat16, native": chosen} if chosen.native else {}),
-    }
+    """Returns float32 and bfloat16 by PyTorch, and by the native kernel where it is for them."""
+    devices = [Device(chosen.torch, bfloat16) for bfloat16 in (False, True)]
+    if chosen.native:
+        devices += [
+            replace(each, native=True) for each in devices if choose_kernel("auto", each.numbers)
+        ]
+    return {each.numbers + ", native" * each.native: each for each in devices}
 
 
 def time_settings(options: Options, chosen: Device) -> list[dict[str, Any]]:
@@ -190,23 +192,22 @@ def measure(options: Options) -> Report:
     title = f"{kind} update, batch {options.batch_size}, 84×84×4, {updates} updates each"
     tables = {"rows": Table(title, time_settings(options, chosen))}
     if chosen.torch.type == "cpu":
-        precision = "bfloat16" if chosen.bfloat16 else "float32"
+        precision = chosen.numbers
         kinds = f"The same in {precision} on one thread, by kind of work"
         tables["kinds"] = Table(kinds, time_kinds(options, bfloat16=chosen.bfloat16))
         network = build_network(options.config, _ACTIONS)
-        dtype = torch.bfloat16 if chosen.bfloat16 else torch.float32
-        alone = list(layers_of(network, options.batch_size, dtype))
+        alone = list(layers_of(network, options.batch_size, getattr(torch, precision)))
         tables["layers"] = Table(
             f"Multiplications of its layers, each alone, in {precision} on one thread",
             time_layers(alone, updates),
         )
     if chosen.native:
         tables["native"] = Table(
-            "Parts of the native kernel, each alone, on one thread",
-            time_native(build_network(options.config, _ACTIONS), options.batch_size, updates),
+            f"Parts of the native kernel in {chosen.numbers}, each alone, on one thread",
+            time_native(network, chosen.numbers, options.batch_size, updates),
         )
     if options.compared:
-        precisions = "bfloat16 against float32, the same minibatches of real frames"
+        precisions = "Against float32 by PyTorch, the same minibatches of real frames"
         tables["precisions"] = Table(
             precisions, compare_precisions(options.config, options.compared, chosen)
         )

@@ -1,12 +1,13 @@
 """The hardware that the network runs on, and the precision of its updates."""
 
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
 from common.errors import InputError
 from common.metrics import Value
-from common.native.kernel import KernelChoice, choose_kernel
+from common.native.kernel import KernelChoice, choose_kernel, fastest_numbers
+from common.native.library import Numbers
 from common.process.log_lines import say_aside
 
 if TYPE_CHECKING:  # a command line is parsed without PyTorch
@@ -28,13 +29,17 @@ class Device:
     graphs: bool = False
     """Whether an update is recorded as a CUDA graph, see `learner.algorithm.cuda_graph`."""
     native: bool = False
-    """Whether `common.native` computes what it can of an update in bfloat16."""
+    """Whether `common.native` computes what it can of an update."""
+
+    @property
+    def numbers(self) -> Numbers:
+        """What an update multiplies."""
+        return "bfloat16" if self.bfloat16 else "float32"
 
     @property
     def name(self) -> str:
         """Device and precision for people: ``cpu (bfloat16)``."""
-        kernel = ", native" if self.native else ""
-        return f"{self.torch.type} ({'bfloat16' if self.bfloat16 else 'float32'}{kernel})"
+        return f"{self.torch.type} ({self.numbers}{', native' if self.native else ''})"
 
     def figures(self) -> dict[str, Value]:
         """Returns memory and utilisation of the GPU, by all programs; nothing without CUDA.
@@ -67,11 +72,11 @@ def choose_device(
 ) -> Device:
     """Returns the requested device; 'auto' takes CUDA if it is available.
 
-    Precision 'auto' takes bfloat16 if the processor multiplies it natively: an update then takes
-    half the time. A warning tells of bfloat16 that is not native. Without CUDA, ``graphs`` has no
-    effect.
+    Precision 'auto' takes bfloat16 where it is faster: on a GPU that has it, with AMX, and where
+    the compiled code multiplies it faster. A warning tells of bfloat16 that is only emulated.
+    Without CUDA, ``graphs`` has no effect.
 
-    The kernel is chosen as `choose_kernel` does for ``network``, for bfloat16 on a CPU.
+    The kernel is chosen as `choose_kernel` does for ``network``, on a CPU.
 
     Raises:
         InputError: CUDA or the compiled code was requested but is not available.
@@ -81,23 +86,23 @@ def choose_device(
     if device == "cuda" and not torch.cuda.is_available():
         raise InputError("there is no CUDA device here: use --device auto or cpu.")
     kind = "cuda" if device != "cpu" and torch.cuda.is_available() else "cpu"
-    cpu = torch.cpu.get_capabilities()
-    native = (
-        torch.cuda.is_bf16_supported(including_emulation=False)
-        if kind == "cuda"
-        else bool(cpu.get("avx512_bf16") or cpu.get("amx_bf16"))
-    )
-    if precision == "bfloat16" and not native:
+    if kind == "cuda":
+        has = faster = torch.cuda.is_bf16_supported(including_emulation=False)
+    else:
+        cpu = torch.cpu.get_capabilities()
+        has = bool(cpu.get("avx512_bf16") or cpu.get("amx_bf16"))
+        faster = bool(cpu.get("amx_bf16")) or fastest_numbers() == "bfloat16"
+    if precision == "bfloat16" and not has:
         say_aside(
             f"warning: this {'GPU' if kind == 'cuda' else 'CPU'} only emulates bfloat16, slower "
             "than float32: omit --precision bfloat16.",
             "warning",
         )
-    bfloat16 = native if precision == "auto" else precision == "bfloat16"
-    if kernel == "native" and not (kind == "cpu" and bfloat16):
+    bfloat16 = faster if precision == "auto" else precision == "bfloat16"
+    if kernel == "native" and kind != "cpu":
         raise InputError(
-            "the native kernel computes in bfloat16 on a CPU: omit --kernel native, or give "
-            "--device cpu --precision bfloat16."
+            "the native kernel computes on a CPU: omit --kernel native, or give --device cpu."
         )
-    compiled = kind == "cpu" and bfloat16 and choose_kernel(kernel, network)
-    return Device(torch.device(kind), bfloat16, graphs and kind == "cuda", compiled)
+    found = Device(torch.device(kind), bfloat16, graphs and kind == "cuda")
+    compiled = kind == "cpu" and choose_kernel(kernel, found.numbers, network)
+    return replace(found, native=compiled)

@@ -2,6 +2,7 @@
 
 from functools import partial
 
+from common.native.kernel import fastest_numbers
 from common.process.supervisor import Child, Supervisor
 from common.run.folder import RunFolder
 from learner.options import LearnerOptions, local_names
@@ -14,7 +15,8 @@ def launch(options: LearnerOptions, endpoint: str, folder: RunFolder) -> Supervi
     their deadlines do not wait.
     """
     actors, evaluators = local_names(options)
-    kernel = "torch" if options.precision == "float32" else options.kernel
+    rounded = options.precision == "float32" and fastest_numbers() == "bfloat16"
+    kernel = "torch" if rounded else options.kernel
     playing = ["--envs", str(options.envs), "--kernel", kernel]
     roles = dict.fromkeys(actors, playing)
     roles |= {name: ["--evaluator"] for name in evaluators}

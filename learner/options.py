@@ -75,11 +75,11 @@ class LearnerOptions(RunOptions):
     device: DeviceChoice = "auto"
     """Hardware of the learner; 'auto' takes CUDA if it is available."""
     precision: PrecisionChoice = "auto"
-    """Precision of the updates; 'auto' takes bfloat16 if the hardware multiplies it natively.
-    Without that, bfloat16 is far slower than float32."""
+    """Precision of the updates; 'auto' takes bfloat16 if the hardware multiplies it faster. Where
+    it is only emulated, bfloat16 is far slower than float32."""
     kernel: KernelChoice = "auto"
-    """Code of an update in bfloat16 on a CPU, and of local mode's actors: 'torch', or 'native',
-    which g++ or clang compiles here once; 'auto' takes what is faster."""
+    """Code of an update on a CPU, and of local mode's actors: 'torch', or 'native', which g++ or
+    clang compiles here once; 'auto' takes what is faster."""
     cuda_graphs: bool = False
     """Record an update once as a CUDA graph, and launch it as a whole from then on. No effect
     without CUDA."""

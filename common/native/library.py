@@ -1,6 +1,6 @@
-"""The library of ``trunk.cpp``: it is compiled once for a user, kept, and loaded.
+"""The libraries of ``trunk.cpp``: each is compiled once for a user, kept, and loaded.
 
-`python -m common.native.library` compiles it into this folder instead, for an image without a
+`python -m common.native.library` compiles them into this folder instead, for an image without a
 compiler.
 """
 
@@ -14,9 +14,16 @@ import tempfile
 from ctypes import CDLL, c_float, c_int, c_long, c_void_p
 from functools import cache
 from pathlib import Path
+from typing import Literal, get_args
 
 _SOURCE = Path(__file__).with_name("trunk.cpp")
-_FLAGS = ("-std=c++20", "-O3", "-march=x86-64-v4", "-mavx512bf16", "-shared", "-fPIC", "-pthread")
+_FLAGS = ("-std=c++20", "-O3", "-march=x86-64-v4", "-shared", "-fPIC", "-pthread")
+Numbers = Literal["float32", "bfloat16"]
+"""What a library multiplies; its sums are float32."""
+_FLAGS_OF: dict[Numbers, tuple[str, ...]] = {
+    "float32": (),
+    "bfloat16": ("-mavx512bf16", "-DBFLOAT16"),
+}
 _COMPILERS = ("c++", "g++", "clang++")
 _SECONDS = 300
 """Maximum time to compile, which takes three seconds on a free core."""
@@ -39,14 +46,15 @@ class NativeUnavailableError(Exception):
 
 
 @cache
-def library() -> CDLL:
-    """Returns the library, and compiles it if this user never did so with this compiler.
+def library(numbers: Numbers) -> CDLL:
+    """Returns the library that multiplies ``numbers``, and compiles it if this user never did so
+    with this compiler.
 
     Raises:
         NativeUnavailableError: there is no compiler, or it failed, or the file cannot be trusted.
     """
     try:
-        loaded = _loaded()
+        loaded = _loaded(numbers)
     except (OSError, RuntimeError) as error:  # such as a user without a home
         raise NativeUnavailableError(str(error)) from None
     for name, arguments in _ARGUMENTS.items():
@@ -56,36 +64,36 @@ def library() -> CDLL:
     return loaded
 
 
-def _loaded() -> CDLL:
+def _loaded(numbers: Numbers) -> CDLL:
     """Returns the compiled file as a library; one that a full disk has damaged is made anew. Raises
     OSError or NativeUnavailableError."""
-    path = _compiled()
+    path = _compiled(numbers)
     try:
         return CDLL(str(path))
     except OSError:
         if path.parent == _SOURCE.parent:
             raise
         path.unlink()
-        return CDLL(str(_compiled()))
+        return CDLL(str(_compiled(numbers)))
 
 
-def _compiled() -> Path:
+def _compiled(numbers: Numbers) -> Path:
     """Returns the compiled file. Raises OSError or NativeUnavailableError."""
-    shipped = _SOURCE.with_name(_name())
+    shipped = _SOURCE.with_name(_name(numbers))
     if shipped.exists():
         return shipped
     compiler = _compiler()
-    path = _folder() / _name(_run([*compiler, "--version"]))
+    path = _folder() / _name(numbers, _run([*compiler, "--version"]))
     if not path.exists():
-        _compile(compiler, path)
+        _compile(compiler, numbers, path)
     _check_own(path)
     return path
 
 
-def _name(compiler: str = "") -> str:
+def _name(numbers: Numbers, compiler: str = "") -> str:
     """Returns the name of what ``compiler``, by its version, makes of the present source."""
-    told = "\n".join((_SOURCE.read_text(), *_FLAGS, compiler))
-    return f"trunk-{hashlib.sha256(told.encode()).hexdigest()[:16]}.so"
+    told = "\n".join((_SOURCE.read_text(), *_FLAGS, *_FLAGS_OF[numbers], compiler))
+    return f"trunk-{numbers}-{hashlib.sha256(told.encode()).hexdigest()[:16]}.so"
 
 
 def _compiler() -> list[str]:
@@ -96,11 +104,11 @@ def _compiler() -> list[str]:
     return shlex.split(compiler)
 
 
-def _compile(compiler: list[str], path: Path) -> None:
+def _compile(compiler: list[str], numbers: Numbers, path: Path) -> None:
     """Makes the file at ``path``. Raises OSError or NativeUnavailableError."""
     with tempfile.TemporaryDirectory(dir=path.parent) as folder:
         made = Path(folder, path.name)
-        _run([*compiler, *_FLAGS, str(_SOURCE), "-o", str(made)])
+        _run([*compiler, *_FLAGS, *_FLAGS_OF[numbers], str(_SOURCE), "-o", str(made)])
         made.chmod(0o755)  # whatever the umask: only the user may write it, and all may load it
         made.rename(path)  # at once, or another process would load half of it
 
@@ -139,4 +147,5 @@ def _run(command: list[str]) -> str:
 
 
 if __name__ == "__main__":
-    _compile(_compiler(), _SOURCE.with_name(_name()))
+    for _numbers in get_args(Numbers):
+        _compile(_compiler(), _numbers, _SOURCE.with_name(_name(_numbers)))

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn.functional import linear
 
-from common.native.library import library
+from common.native.library import Numbers, library
 from common.network import QNetwork
 
 _KERNELS = [((32, 4, 8, 8), (4, 4)), ((64, 32, 4, 4), (2, 2)), ((64, 64, 3, 3), (1, 1))]
@@ -34,18 +34,20 @@ class _Kept(NamedTuple):
 
 class NativeQNetwork(QNetwork):
     """Computes what ``master`` computes, from the same parameters: convolutions and dense layers in
-    bfloat16, all but the last one with sums in float32.
+    float32, or in bfloat16, all but the last one with sums in float32.
 
     The compiled code has its own copy of the weights: call `pack` when an optimizer has changed
     them. It keeps one forward pass with gradients, until `backward` takes it; PyTorch does further
     ones.
     """
 
-    def __init__(self, master: QNetwork) -> None:
+    def __init__(self, master: QNetwork, numbers: Numbers) -> None:
         """Raises NativeUnavailableError as `library` does."""
         nn.Module.__init__(self)
         self.__dict__.update(vars(master))  # its layers themselves, no copies
-        self._library = library()
+        self._library = library(numbers)
+        self.dtype: torch.dtype = getattr(torch, numbers)
+        """Type of the pixels that it takes."""
         self._trunk = c_void_p(self._library.trunk_new())
         free = weakref.finalize(self, self._library.trunk_free, self._trunk)
         free.atexit = False  # a thread may still compute with it then
@@ -79,16 +81,20 @@ class NativeQNetwork(QNetwork):
             *(self.hidden.in_features, self.pixel_scale, torch.get_num_threads()),
         )
 
-    def as_pixels(self, frames: Tensor, dtype: torch.dtype = torch.bfloat16) -> Tensor:
-        """Returns ``frames`` as `hidden_units` takes them, ``bfloat16 [batch, 21, 21, 64]``.
+    def as_pixels(self, frames: Tensor, dtype: torch.dtype | None = None) -> Tensor:
+        """Returns ``frames`` as `hidden_units` takes them, ``[batch, 21, 21, 64]``, in its numbers.
 
         Raises:
             ValueError: they are not ``uint8 [batch, 4, 84, 84]``, or another type is asked for.
         """
-        if frames.dtype != torch.uint8 or frames.shape[1:] != _FRAMES or dtype != torch.bfloat16:
+        if (
+            frames.dtype != torch.uint8
+            or frames.shape[1:] != _FRAMES
+            or dtype not in (None, self.dtype)
+        ):
             raise ValueError(f"no pixels of {dtype} from {frames.dtype} {tuple(frames.shape)}")
         frames = frames.contiguous()
-        pixels = torch.empty(len(frames), *_PIXELS, dtype=dtype)
+        pixels = torch.empty(len(frames), *_PIXELS, dtype=self.dtype)
         self._library.trunk_pixels(
             *(frames.data_ptr(), pixels.data_ptr(), len(frames)),
             *(self.frame_differences, self.center_pixels, torch.get_num_threads()),
@@ -97,7 +103,7 @@ class NativeQNetwork(QNetwork):
 
     def hidden_units(self, frames: Tensor, vectors: Tensor) -> Tensor:
         pixels = frames if frames.is_floating_point() else self.as_pixels(frames)
-        if pixels.dtype != torch.bfloat16 or pixels.shape[1:] != _PIXELS:
+        if pixels.dtype != self.dtype or pixels.shape[1:] != _PIXELS:
             raise ValueError(f"not pixels: {pixels.dtype} {tuple(pixels.shape)}")
         if vectors.shape != (len(pixels), self.hidden.in_features - _FEATURES):
             raise ValueError(f"vectors of another shape: {tuple(vectors.shape)}")
@@ -116,7 +122,7 @@ class NativeQNetwork(QNetwork):
         return units + linear(vectors, weight) if vectors.shape[1] else units
 
     def outputs(self, hidden: Tensor) -> Tensor:
-        if len(hidden) <= _FEW:
+        if self.dtype == torch.float32 or len(hidden) <= _FEW:
             return super().outputs(hidden)
         weight, bias = self.actions.weight.bfloat16(), self.actions.bias.bfloat16()
         return linear(hidden.bfloat16(), weight, bias)

@@ -1,18 +1,20 @@
-// The convolutions and the first dense layer of Mnih et al. 2015, forward and backward, in bfloat16.
+// The convolutions and the first dense layer of Mnih et al. 2015, forward and backward, in float32 or,
+// with -DBFLOAT16, in bfloat16. Sums are float32.
 //
-// The instruction VDPBF16PS multiplies 32 pairs of bfloat16 and adds them to 16 sums of float32:
-// each sum takes two products at once. What is summed over must thus lie in pairs, side by side:
+// The instruction VDPBF16PS multiplies 32 pairs of bfloat16 and adds them to 16 sums: each sum takes
+// two products at once. What is summed over must thus lie in groups of two, side by side:
 //
-//   pass                        sums over            pairs of
+//   pass                        sums over            groups of
 //   forward                     a kernel's inputs    inputs
 //   gradients of activations    a layer's outputs    outputs
 //   gradients of weights        states and places    states
 //
-// One operand of a product is a vector of 16 pairs, the other is a single pair, which is repeated.
+// With float32 a group is one number. One operand of a product is a vector of 16 groups, the other is
+// a single group, which is repeated.
 //
 // Activations are [state][y][x][channel]. Names end in the number of their layer; 0 are the pixels.
 // `a` are activations, `d` the gradients of the loss by what comes before their ReLU, `w` weights,
-// `g` gradients of weights. `pairs` hold two states, [y][x][channel][2].
+// `g` gradients of weights. `groups` hold those of a group of states, [y][x][channel][GROUP].
 //
 // network.py checks all sizes.
 
@@ -29,8 +31,15 @@
 
 namespace {
 
-using bf16 = std::uint16_t;
+#ifdef BFLOAT16
+using number = std::uint16_t;  // its bits
+constexpr int GROUP = 2;
+#else
+using number = float;
+constexpr int GROUP = 1;
+#endif
 
+constexpr int LAST = GROUP - 1;
 constexpr int FRAMES = 4, SIDE = 84;
 constexpr int BLOCK = 4;                     // the first layer's stride: pixels come in 4x4 blocks
 constexpr int S0 = SIDE / BLOCK;             // 21 blocks across
@@ -44,6 +53,7 @@ constexpr int A0 = S0 * S0 * C0, A1 = S1 * S1 * C1, A2 = S2 * S2 * C2, A3 = S3 *
 constexpr int K1 = 4 * C0, K2 = 16 * C1, K3 = 9 * C2;  // inputs of a kernel
 
 constexpr int LANES = 16;                    // sums in a vector
+constexpr int VECTOR = LANES * GROUP;        // numbers of a vector's groups
 constexpr int TILE = 2 * LANES;              // sums side by side in most products
 constexpr int ROWS = 8;                      // sums below each other in those of the dense layer
 constexpr int FEW = 4;                       // states that the dense layer takes one by one,
@@ -52,34 +62,61 @@ constexpr int PADDED = S2 + 2;               // a row of d with zeros at both en
 
 // ------------------------------------------------------------------------------------- vectors
 
-inline __m512bh load(const bf16* from) { return (__m512bh)_mm512_loadu_si512(from); }
+#ifdef BFLOAT16
 
-inline __m512bh repeat(const bf16* pair) {
+inline __m512bh load(const number* from) { return (__m512bh)_mm512_loadu_si512(from); }
+
+inline __m512bh repeat(const number* group) {
     std::int32_t both;
-    std::memcpy(&both, pair, sizeof both);
+    std::memcpy(&both, group, sizeof both);
     return (__m512bh)_mm512_set1_epi32(both);
 }
 
-inline void store(bf16* to, __m512 values) {
-    _mm256_storeu_si256((__m256i*)to, (__m256i)_mm512_cvtneps_pbh(values));
-}
+inline __m512 add_products(__m512 sums, __m512bh a, __m512bh b) { return _mm512_dpbf16_ps(sums, a, b); }
 
-inline __m512i load_integers(const bf16* from) {
+inline __m512i load_integers(const number* from) {
     return _mm512_cvtepu16_epi32(_mm256_loadu_si256((const __m256i*)from));
 }
 
-// Writes a[0], b[0], a[1], b[1], ... of `count` values each, a multiple of 16.
-inline void interleave(const bf16* a, const bf16* b, bf16* to, int count) {
+inline __m512 load_floats(const number* from) {
+    return _mm512_castsi512_ps(_mm512_slli_epi32(load_integers(from), 16));
+}
+
+inline void store(number* to, __m512 values) {
+    _mm256_storeu_si256((__m256i*)to, (__m256i)_mm512_cvtneps_pbh(values));
+}
+
+// Writes first[0], last[0], first[1], last[1], ... of `count` values each, a multiple of 16.
+inline void group(const number* first, const number* last, number* to, int count) {
     for (int i = 0; i < count; i += LANES) {
-        const __m512i high = _mm512_slli_epi32(load_integers(b + i), 16);
-        _mm512_storeu_si512(to + 2 * i, _mm512_or_si512(load_integers(a + i), high));
+        const __m512i high = _mm512_slli_epi32(load_integers(last + i), 16);
+        _mm512_storeu_si512(to + 2 * i, _mm512_or_si512(load_integers(first + i), high));
     }
 }
 
+#else
+
+inline __m512 load(const number* from) { return _mm512_loadu_ps(from); }
+
+inline __m512 repeat(const number* group) { return _mm512_set1_ps(*group); }
+
+inline __m512 add_products(__m512 sums, __m512 a, __m512 b) { return _mm512_fmadd_ps(a, b, sums); }
+
+inline __m512 load_floats(const number* from) { return _mm512_loadu_ps(from); }
+
+inline void store(number* to, __m512 values) { _mm512_storeu_ps(to, values); }
+
+// The first of a group is its last, too.
+inline void group(const number* first, const number*, number* to, int count) {
+    std::memcpy(to, first, count * sizeof(number));
+}
+
+#endif
+
 // Returns d where the activation is positive, else 0: the gradient before a ReLU.
-inline __m512 before_relu(__m512 d, const bf16* activation) {
-    const __m256i a = _mm256_loadu_si256((const __m256i*)activation);
-    return _mm512_maskz_mov_ps(_mm256_cmpgt_epi16_mask(a, _mm256_setzero_si256()), d);
+inline __m512 before_relu(__m512 d, const number* activation) {
+    const __m512 a = load_floats(activation);
+    return _mm512_maskz_mov_ps(_mm512_cmp_ps_mask(a, _mm512_setzero_ps(), _CMP_GT_OQ), d);
 }
 
 // R rows of V vectors of sums, which the compiler keeps in registers.
@@ -101,33 +138,33 @@ struct Sums {
     inline void start_at(const float* from, long row) {
         each([=](__m512& sum, int r, int v) { sum = _mm512_loadu_ps(from + r * row + v * LANES); });
     }
-    // Adds `pairs` products: the single pairs of row r begin at single + r * row and are `next`
-    // apart, and the V vectors of each follow those of the one before.
-    inline void add(const bf16* single, long row, long next, const bf16* vectors, long pairs) {
-        for (long p = 0; p < pairs; p++) {
-            __m512bh vector[V];
+    // Adds the products of `groups`: the single groups of row r begin at single + r * row and are
+    // `next` apart, and the V vectors of each follow those of the one before.
+    inline void add(const number* single, long row, long next, const number* vectors, long groups) {
+        for (long g = 0; g < groups; g++) {
+            decltype(load(vectors)) vector[V];
 #pragma GCC unroll 4
-            for (int v = 0; v < V; v++) vector[v] = load(vectors + v * TILE);
+            for (int v = 0; v < V; v++) vector[v] = load(vectors + v * VECTOR);
 #pragma GCC unroll 32
             for (int r = 0; r < R; r++) {
-                const __m512bh one = repeat(single + r * row);
+                const auto one = repeat(single + r * row);
 #pragma GCC unroll 4
-                for (int v = 0; v < V; v++) at[r][v] = _mm512_dpbf16_ps(at[r][v], one, vector[v]);
+                for (int v = 0; v < V; v++) at[r][v] = add_products(at[r][v], one, vector[v]);
             }
             single += next;
-            vectors += V * TILE;
+            vectors += V * VECTOR;
         }
     }
     inline void write(float* to, long row) {
         each([=](__m512& sum, int r, int v) { _mm512_storeu_ps(to + r * row + v * LANES, sum); });
     }
     // Not a number stays one: the maximum returns its second operand then.
-    inline void write_relu(bf16* to, long row) {
+    inline void write_relu(number* to, long row) {
         each([=](__m512& sum, int r, int v) {
             store(to + r * row + v * LANES, _mm512_max_ps(_mm512_setzero_ps(), sum));
         });
     }
-    inline void write_before_relu(bf16* to, const bf16* activation, long row) {
+    inline void write_before_relu(number* to, const number* activation, long row) {
         each([=](__m512& sum, int r, int v) {
             const long place = r * row + v * LANES;
             store(to + place, before_relu(sum, activation + place));
@@ -172,18 +209,18 @@ class Deal {
 
 // The weights in the layouts of both passes.
 struct Weights {
-    alignas(64) bf16 w1[K1 / 2][C1][2];                // [input pair][output][2]
-    alignas(64) bf16 w2[2][K2 / 2][TILE][2];           // [half of the outputs][the same]
-    alignas(64) bf16 w3[2][K3 / 2][TILE][2];
-    alignas(64) bf16 back2[4][4][C2 / 2][C1][2];       // [y][x][output pair][input][2]
-    alignas(64) bf16 back3[2][3][3][C3 / 2][TILE][2];  // [half of the inputs][the same]
-    alignas(64) bf16 dense[HIDDEN][FEATURES];
+    alignas(64) number w1[K1 / GROUP][C1][GROUP];                // [group of inputs][output][GROUP]
+    alignas(64) number w2[2][K2 / GROUP][TILE][GROUP];           // [half of the outputs][the same]
+    alignas(64) number w3[2][K3 / GROUP][TILE][GROUP];
+    alignas(64) number back2[4][4][C2 / GROUP][C1][GROUP];       // [y][x][outputs][input][GROUP]
+    alignas(64) number back3[2][3][3][C3 / GROUP][TILE][GROUP];  // [half of the inputs][the same]
+    alignas(64) number dense[HIDDEN][FEATURES];
     alignas(64) float b1[C1], b2[C2], b3[C3], b4[HIDDEN];
-    float scale;                                       // of the first layer's weights
+    float scale;                                                 // of the first layer's weights
 };
 
 struct Activations {  // of one state
-    alignas(64) bf16 a1[A1], a2[A2], a3[A3];
+    alignas(64) number a1[A1], a2[A2], a3[A3];
 };
 
 struct Gradients {
@@ -195,10 +232,10 @@ struct Gradients {
 struct Scratch {
     Activations activations;
     Gradients sums;
-    alignas(64) bf16 a0_pairs[2 * A0], a1_pairs[2 * A1], a2_pairs[2 * A2];
-    alignas(64) bf16 d1_pairs[2 * A1], d2_pairs[2 * A2], d3_pairs[2 * A3];
-    alignas(64) bf16 d1[2][A1], d2[2][S2 * PADDED * C2], d3[2][S3 * PADDED * C3];
-    alignas(64) bf16 dense_pairs[HIDDEN / 2][TILE][2];  // weights of 32 features
+    alignas(64) number a0_groups[GROUP * A0], a1_groups[GROUP * A1], a2_groups[GROUP * A2];
+    alignas(64) number d1_groups[GROUP * A1], d2_groups[GROUP * A2], d3_groups[GROUP * A3];
+    alignas(64) number d1[GROUP][A1], d2[GROUP][S2 * PADDED * C2], d3[GROUP][S3 * PADDED * C3];
+    alignas(64) number dense_groups[HIDDEN / GROUP][TILE][GROUP];  // weights of 32 features
 };
 
 long up(long count, long multiple) { return (count + multiple - 1) / multiple; }
@@ -222,27 +259,28 @@ int mean_of(const std::uint8_t* pixels, int count) {
 }
 
 // Writes 16 pixels of a row, less those before and less `grey`, to a row of four blocks.
-inline void place_pixels(const std::uint8_t* now, const std::uint8_t* before, int grey, bf16* to) {
+inline void place_pixels(const std::uint8_t* now, const std::uint8_t* before, int grey, number* to) {
     const auto widened = [](const std::uint8_t* from) {
         return _mm512_cvtepu8_epi32(_mm_loadu_si128((const __m128i*)from));
     };
     const __m512i less = before ? widened(before) : _mm512_set1_epi32(grey);
-    bf16 row[LANES];
+    number row[LANES];
     store(row, _mm512_cvtepi32_ps(_mm512_sub_epi32(widened(now), less)));
     for (int b = 0; b < LANES / BLOCK; b++)
-        std::memcpy(to + b * C0, row + b * BLOCK, BLOCK * sizeof(bf16));
+        std::memcpy(to + b * C0, row + b * BLOCK, BLOCK * sizeof(number));
 }
 
 // ------------------------------------------------------------------------------------- forward
 
-void convolve(const Weights& w, const bf16* a0, Activations& a) {
+void convolve(const Weights& w, const number* a0, Activations& a) {
     constexpr int ACROSS = S1 / 2;
     for (int y = 0; y < S1; y++)
         for (int x = 0; x < S1; x += ACROSS) {
             Sums<ACROSS> sums;
             sums.start_at(w.b1, 0);
             for (int k = 0; k < 2; k++)
-                sums.add(a0 + ((y + k) * S0 + x) * C0, C0, 2, w.w1[k * C0][0], C0);
+                sums.add(a0 + ((y + k) * S0 + x) * C0, C0, GROUP, w.w1[k * 2 * C0 / GROUP][0],
+                         2 * C0 / GROUP);
             sums.write_relu(a.a1 + (y * S1 + x) * C1, C1);
         }
     for (int half = 0; half < 2; half++)
@@ -250,7 +288,8 @@ void convolve(const Weights& w, const bf16* a0, Activations& a) {
             Sums<S2> sums;
             sums.start_at(w.b2 + half * TILE, 0);
             for (int k = 0; k < 4; k++)
-                sums.add(a.a1 + (2 * y + k) * S1 * C1, 2 * C1, 2, w.w2[half][k * 2 * C1][0], 2 * C1);
+                sums.add(a.a1 + (2 * y + k) * S1 * C1, 2 * C1, GROUP, w.w2[half][k * 4 * C1 / GROUP][0],
+                         4 * C1 / GROUP);
             sums.write_relu(a.a2 + y * S2 * C2 + half * TILE, C2);
         }
     for (int half = 0; half < 2; half++)
@@ -258,73 +297,72 @@ void convolve(const Weights& w, const bf16* a0, Activations& a) {
             Sums<S3> sums;
             sums.start_at(w.b3 + half * TILE, 0);
             for (int k = 0; k < 3; k++)
-                sums.add(a.a2 + (y + k) * S2 * C2, C2, 2, w.w3[half][k * 3 * C2 / 2][0], 3 * C2 / 2);
+                sums.add(a.a2 + (y + k) * S2 * C2, C2, GROUP, w.w3[half][k * 3 * C2 / GROUP][0],
+                         3 * C2 / GROUP);
             sums.write_relu(a.a3 + y * S3 * C3 + half * TILE, C3);
         }
 }
 
 // ------------------------------------------------------------------------------------ backward
 
-void add_places(float* sums, const bf16* d, int places, int channels) {
+void add_places(float* sums, const number* d, int places, int channels) {
     for (int c = 0; c < channels; c += LANES) {
         __m512 sum = _mm512_loadu_ps(sums + c);
-        for (int p = 0; p < places; p++) {
-            const __m512i value = _mm512_slli_epi32(load_integers(d + p * channels + c), 16);
-            sum = _mm512_add_ps(sum, _mm512_castsi512_ps(value));
-        }
+        for (int p = 0; p < places; p++)
+            sum = _mm512_add_ps(sum, load_floats(d + p * channels + c));
         _mm512_storeu_ps(sums + c, sum);
     }
 }
 
 // Puts rows of d that are padded, `left` places before the first, side by side.
 template <int S, int C>
-inline void pair_rows(const bf16* first, const bf16* second, int left, bf16* pairs) {
+inline void group_rows(const number* first, const number* last, int left, number* groups) {
     for (int y = 0; y < S; y++) {
         const int row = (y * PADDED + left) * C;
-        interleave(first + row, second + row, pairs + 2 * y * S * C, S * C);
+        group(first + row, last + row, groups + GROUP * y * S * C, S * C);
     }
 }
 
-// Adds the gradients of a convolution's weights by two states, R inputs at a time by all V * 16
-// outputs. It sees S_IN x S_IN places of C inputs, and has S x S places of outputs.
+// Adds the gradients of a convolution's weights by a group of states, R inputs at a time by all
+// V * 16 outputs. It sees S_IN x S_IN places of C inputs, and has S x S places of outputs.
 template <int R, int V, int KERNEL, int STRIDE, int S_IN, int C, int S>
-inline void add_weights(float* g, const bf16* first, const bf16* second, bf16* pairs,
-                        const bf16* d_pairs) {
-    interleave(first, second, pairs, S_IN * S_IN * C);
+inline void add_weights(float* g, const number* first, const number* last, number* groups,
+                        const number* d_groups) {
+    group(first, last, groups, S_IN * S_IN * C);
     for (int k = 0; k < KERNEL * KERNEL * C; k += R) {
         const int y = k / C / KERNEL, x = k / C % KERNEL, c = k % C;
-        const bf16* inputs = pairs + 2 * ((y * S_IN + x) * C + c);
+        const number* inputs = groups + GROUP * ((y * S_IN + x) * C + c);
         Sums<R, V> sums;
         sums.start_at(g + k * V * LANES, V * LANES);
         for (int row = 0; row < S; row++)
-            sums.add(inputs + row * 2 * STRIDE * S_IN * C, 2, 2 * STRIDE * C,
-                     d_pairs + row * S * V * TILE, S);
+            sums.add(inputs + row * GROUP * STRIDE * S_IN * C, GROUP, GROUP * STRIDE * C,
+                     d_groups + row * S * V * VECTOR, S);
         sums.write(g + k * V * LANES, V * LANES);
     }
 }
 
-void third_layer(const Activations* const a[2], const float* const d_features[2], Scratch& s) {
-    for (int i = 0; i < 2; i++)
+void third_layer(const Activations* const a[GROUP], const float* const d_features[GROUP], Scratch& s) {
+    for (int i = 0; i < GROUP; i++)
         for (int y = 0; y < S3; y++) {
-            bf16* row = s.d3[i] + (y * PADDED + 2) * C3;
+            number* row = s.d3[i] + (y * PADDED + 2) * C3;
             for (int x = 0; x < S3; x++) {
                 float d[C3];
                 for (int c = 0; c < C3; c++) d[c] = d_features[i][c * S3 * S3 + y * S3 + x];
                 for (int c = 0; c < C3; c += LANES) {
-                    const bf16* activation = a[i]->a3 + (y * S3 + x) * C3 + c;
+                    const number* activation = a[i]->a3 + (y * S3 + x) * C3 + c;
                     store(row + x * C3 + c, before_relu(_mm512_loadu_ps(d + c), activation));
                 }
             }
             add_places(s.sums.b3, row, S3, C3);
         }
-    pair_rows<S3, C3>(s.d3[0], s.d3[1], 2, s.d3_pairs);
-    add_weights<4, 4, 3, 1, S2, C2, S3>(s.sums.g3[0], a[0]->a2, a[1]->a2, s.a2_pairs, s.d3_pairs);
+    group_rows<S3, C3>(s.d3[0], s.d3[LAST], 2, s.d3_groups);
+    add_weights<4, 4, 3, 1, S2, C2, S3>(s.sums.g3[0], a[0]->a2, a[LAST]->a2, s.a2_groups, s.d3_groups);
 }
 
-void second_layer(const Weights& w, const Activations* const a[2], Scratch& s) {
-    for (int i = 0; i < 2; i++)
+void second_layer(const Weights& w, const Activations* const a[GROUP], Scratch& s) {
+    for (int i = 0; i < GROUP; i++)
         for (int y = 0; y < S2; y++) {
-            bf16* row = s.d2[i] + (y * PADDED + 1) * C2;
+            number* row = s.d2[i] + (y * PADDED + 1) * C2;
             for (int half = 0; half < 2; half++) {
                 Sums<S2> sums;
                 sums.start_at_zero();
@@ -332,21 +370,21 @@ void second_layer(const Weights& w, const Activations* const a[2], Scratch& s) {
                     const int from = y - ky;
                     if (from < 0 || from >= S3) continue;
                     for (int kx = 0; kx < 3; kx++)
-                        sums.add(s.d3[i] + (from * PADDED + 2 - kx) * C3, C3, 2,
-                                 w.back3[half][ky][kx][0][0], C3 / 2);
+                        sums.add(s.d3[i] + (from * PADDED + 2 - kx) * C3, C3, GROUP,
+                                 w.back3[half][ky][kx][0][0], C3 / GROUP);
                 }
                 const int place = half * TILE;
                 sums.write_before_relu(row + place, a[i]->a2 + y * S2 * C2 + place, C2);
             }
             add_places(s.sums.b2, row, S2, C2);
         }
-    pair_rows<S2, C2>(s.d2[0], s.d2[1], 1, s.d2_pairs);
-    add_weights<4, 4, 4, 2, S1, C1, S2>(s.sums.g2[0], a[0]->a1, a[1]->a1, s.a1_pairs, s.d2_pairs);
+    group_rows<S2, C2>(s.d2[0], s.d2[LAST], 1, s.d2_groups);
+    add_weights<4, 4, 4, 2, S1, C1, S2>(s.sums.g2[0], a[0]->a1, a[LAST]->a1, s.a1_groups, s.d2_groups);
 }
 
-void first_layer(const Weights& w, const bf16* const a0[2], const Activations* const a[2],
+void first_layer(const Weights& w, const number* const a0[GROUP], const Activations* const a[GROUP],
                  Scratch& s) {
-    for (int i = 0; i < 2; i++) {
+    for (int i = 0; i < GROUP; i++) {
         // With a stride of 2, every second place across got its outputs by the same weights.
         for (int y = 0; y < S1; y++)
             for (int odd = 0; odd < 2; odd++) {
@@ -356,16 +394,16 @@ void first_layer(const Weights& w, const bf16* const a0[2], const Activations* c
                     const int from = (y - ky) / 2;
                     if (y < ky || from >= S2) continue;
                     for (int j = 0; j < 2; j++)
-                        sums.add(s.d2[i] + (from * PADDED + 1 - j) * C2, C2, 2,
-                                 w.back2[ky][odd + 2 * j][0][0], C2 / 2);
+                        sums.add(s.d2[i] + (from * PADDED + 1 - j) * C2, C2, GROUP,
+                                 w.back2[ky][odd + 2 * j][0][0], C2 / GROUP);
                 }
                 const int place = (y * S1 + odd) * C1;
                 sums.write_before_relu(s.d1[i] + place, a[i]->a1 + place, 2 * C1);
             }
         add_places(s.sums.b1, s.d1[i], S1 * S1, C1);
     }
-    interleave(s.d1[0], s.d1[1], s.d1_pairs, A1);
-    add_weights<8, 2, 2, 1, S0, C0, S1>(s.sums.g1[0], a0[0], a0[1], s.a0_pairs, s.d1_pairs);
+    group(s.d1[0], s.d1[LAST], s.d1_groups, A1);
+    add_weights<8, 2, 2, 1, S0, C0, S1>(s.sums.g1[0], a0[0], a0[LAST], s.a0_groups, s.d1_groups);
 }
 
 // ------------------------------------------------------------------------------------ the trunk
@@ -386,31 +424,34 @@ class Trunk {
         std::memcpy(w.b2, biases[1], sizeof w.b2);
         std::memcpy(w.b3, biases[2], sizeof w.b3);
         std::memcpy(w.b4, biases[3], sizeof w.b4);
-        std::vector<bf16> rounded(C3 * K3);
+        std::vector<number> rounded(C3 * K3);
         for (int n = 0; n < C1; n++) {
             float row[K1];
             for (int k = 0; k < K1; k++) row[k] = weights[0][n * K1 + of_pixel(k)] * scale;
             round_row(row, rounded.data(), K1);
-            for (int k = 0; k < K1; k += 2) std::memcpy(w.w1[k / 2][n], rounded.data() + k, 4);
+            for (int k = 0; k < K1; k += GROUP)
+                std::memcpy(w.w1[k / GROUP][n], rounded.data() + k, sizeof w.w1[0][0]);
         }
         round_row(weights[1], rounded.data(), C2 * K2);
         for (int n = 0; n < C2; n++)
-            for (int k = 0; k < K2; k += 2)
-                std::memcpy(w.w2[n / TILE][k / 2][n % TILE], rounded.data() + n * K2 + k, 4);
-        for (int n = 0; n < C2; n += 2)
+            for (int k = 0; k < K2; k += GROUP)
+                std::memcpy(w.w2[n / TILE][k / GROUP][n % TILE], rounded.data() + n * K2 + k,
+                            sizeof w.w2[0][0][0]);
+        for (int n = 0; n < C2; n += GROUP)
             for (int k = 0; k < K2; k += C1) {
-                const bf16* row = rounded.data() + n * K2 + k;
-                interleave(row, row + K2, w.back2[k / C1 / 4][k / C1 % 4][n / 2][0], C1);
+                const number* row = rounded.data() + n * K2 + k;
+                group(row, row + LAST * K2, w.back2[k / C1 / 4][k / C1 % 4][n / GROUP][0], C1);
             }
         round_row(weights[2], rounded.data(), C3 * K3);
         for (int n = 0; n < C3; n++)
-            for (int k = 0; k < K3; k += 2)
-                std::memcpy(w.w3[n / TILE][k / 2][n % TILE], rounded.data() + n * K3 + k, 4);
-        for (int n = 0; n < C3; n += 2)
+            for (int k = 0; k < K3; k += GROUP)
+                std::memcpy(w.w3[n / TILE][k / GROUP][n % TILE], rounded.data() + n * K3 + k,
+                            sizeof w.w3[0][0][0]);
+        for (int n = 0; n < C3; n += GROUP)
             for (int k = 0; k < K3; k += TILE) {
-                const bf16* row = rounded.data() + n * K3 + k;
+                const number* row = rounded.data() + n * K3 + k;
                 const int place = k / C2, half = k / TILE % 2;
-                interleave(row, row + K3, w.back3[half][place / 3][place % 3][n / 2][0], TILE);
+                group(row, row + LAST * K3, w.back3[half][place / 3][place % 3][n / GROUP][0], TILE);
             }
         Deal rows(HIDDEN);
         in_threads(threads, [&](int) {
@@ -418,7 +459,7 @@ class Trunk {
         });
     }
 
-    void forward(const bf16* pixels, long states, bool keep, float* out, int threads) {
+    void forward(const number* pixels, long states, bool keep, float* out, int threads) {
         if (keep) at_least(kept_, states);
         at_least(features_, up(states, TILE) * TILE * FEATURES);
         prepare(threads);
@@ -443,53 +484,54 @@ class Trunk {
     }
 
     // Takes the pixels of the last forward pass that was kept.
-    void backward(const bf16* pixels, long states, const float* d, float* const weights[4],
+    void backward(const number* pixels, long states, const float* d, float* const weights[4],
                   float* const biases[4], long stride, int threads) {
-        const long pairs = up(states, 2), rows = up(states, ROWS) * ROWS;
-        bf16* d_plain = at_least(d_plain_, rows * HIDDEN);
-        bf16* d_pairs = at_least(d_pairs_, pairs * 2 * HIDDEN);       // [output / 8][pair][output][2]
-        bf16* a_pairs = at_least(a_pairs_, pairs * 2 * FEATURES);     // [feature / 32][pair][feature][2]
+        const long groups = up(states, GROUP), rows = up(states, ROWS) * ROWS;
+        number* d_plain = at_least(d_plain_, rows * HIDDEN);
+        // [output / 8][group][output][GROUP] and [feature / 32][group][feature][GROUP]
+        number* d_groups = at_least(d_groups_, groups * GROUP * HIDDEN);
+        number* a_groups = at_least(a_groups_, groups * GROUP * FEATURES);
         float* d_features = at_least(d_features_, rows * FEATURES);
         prepare(threads);
-        std::memset(d_plain + states * HIDDEN, 0, (rows - states) * HIDDEN * sizeof(bf16));
+        std::memset(d_plain + states * HIDDEN, 0, (rows - states) * HIDDEN * sizeof(number));
         std::memset(biases[3], 0, HIDDEN * sizeof(float));
         for (long i = 0; i < states; i++) {
             round_row(d + i * HIDDEN, d_plain + i * HIDDEN, HIDDEN);
             for (int n = 0; n < HIDDEN; n++) biases[3][n] += d[i * HIDDEN + n];
         }
-        for (long i = 0; i < 2 * pairs; i++)
+        for (long i = 0; i < groups * GROUP; i++)
             for (int n = 0; n < HIDDEN; n++)
-                d_pairs[((n / ROWS * pairs + i / 2) * ROWS + n % ROWS) * 2 + i % 2] =
+                d_groups[((n / ROWS * groups + i / GROUP) * ROWS + n % ROWS) * GROUP + i % GROUP] =
                     d_plain[i * HIDDEN + n];
-        // Each share of the pairs has its own sums, so that these do not depend on who is quicker.
-        const long shares = std::min<long>(threads, pairs);
-        Deal placed(2 * pairs), panels(FEATURES / TILE), dealt(shares);
+        // Each share of the groups has its own sums, so that these do not depend on who is quicker.
+        const long shares = std::min<long>(threads, groups);
+        Deal placed(groups * GROUP), panels(FEATURES / TILE), dealt(shares);
         in_threads(threads, [&](int) {
             for (long i; placed.next(i);) {
                 const Activations& a = kept_[std::min(i, states - 1)];  // d is 0 beyond the last one
                 for (int c = 0, f = 0; c < C3; c++)
                     for (int place = 0; place < S3 * S3; place++, f++)
-                        a_pairs[((f / TILE * pairs + i / 2) * TILE + f % TILE) * 2 + i % 2] =
+                        a_groups[((f / TILE * groups + i / GROUP) * TILE + f % TILE) * GROUP + i % GROUP] =
                             a.a3[place * C3 + c];
             }
         });
         in_threads(threads, [&](int thread) {
-            auto& dense_pairs = scratch_[thread]->dense_pairs;
+            auto& dense_groups = scratch_[thread]->dense_groups;
             for (long panel; panels.next(panel);) {
-                for (long n = 0; n < HIDDEN; n += 2)
-                    interleave(weights_.dense[n] + panel * TILE, weights_.dense[n + 1] + panel * TILE,
-                               dense_pairs[n / 2][0], TILE);
+                for (long n = 0; n < HIDDEN; n += GROUP)
+                    group(weights_.dense[n] + panel * TILE, weights_.dense[n + LAST] + panel * TILE,
+                          dense_groups[n / GROUP][0], TILE);
                 for (long i = 0; i < rows; i += ROWS) {
                     Sums<ROWS> sums;
                     sums.start_at_zero();
-                    sums.add(d_plain + i * HIDDEN, HIDDEN, 2, dense_pairs[0][0], HIDDEN / 2);
+                    sums.add(d_plain + i * HIDDEN, HIDDEN, GROUP, dense_groups[0][0], HIDDEN / GROUP);
                     sums.write(d_features + i * FEATURES + panel * TILE, FEATURES);
                 }
                 for (long n = 0; n < HIDDEN; n += ROWS) {
                     Sums<ROWS> sums;
                     sums.start_at_zero();
-                    sums.add(d_pairs + n * pairs * 2, 2, 2 * ROWS, a_pairs + panel * TILE * pairs * 2,
-                             pairs);
+                    sums.add(d_groups + n * groups * GROUP, GROUP, GROUP * ROWS,
+                             a_groups + panel * TILE * groups * GROUP, groups);
                     sums.write(weights[3] + n * stride + panel * TILE, stride);
                 }
             }
@@ -497,8 +539,8 @@ class Trunk {
         in_threads(threads, [&](int) {
             for (long share; dealt.next(share);) {
                 std::memset(&scratch_[share]->sums, 0, sizeof(Gradients));
-                for (long pair = share; pair < pairs; pair += shares)
-                    add_pair(pixels, states, pair, d_features, *scratch_[share]);
+                for (long g = share; g < groups; g += shares)
+                    add_group(pixels, states, g * GROUP, d_features, *scratch_[share]);
             }
         });
         Gradients& total = scratch_[0]->sums;
@@ -521,20 +563,20 @@ class Trunk {
 
   private:
     // The place of a feature among those of few states, [state][feature], or of many,
-    // [group of 32 states][pair of features][state][2].
+    // [state / 32][group of features][state][GROUP].
     static long feature_at(long state, int f, long states) {
         if (states <= FEW) return state * FEATURES + f;
-        return state / TILE * TILE * FEATURES + (f / 2 * TILE + state % TILE) * 2 + f % 2;
+        return state / TILE * TILE * FEATURES + (f / GROUP * TILE + state % TILE) * GROUP + f % GROUP;
     }
 
     void dense_few(int n, long states, float* out) const {
         for (long i = 0; i < states; i++) {
             Sums<ROWS, 1> sums;
             sums.start_at_zero();
-            for (int f = 0; f < FEATURES; f += TILE) {
-                const __m512bh of_state = load(features_.data() + i * FEATURES + f);
+            for (int f = 0; f < FEATURES; f += VECTOR) {
+                const auto of_state = load(features_.data() + i * FEATURES + f);
                 sums.each([&](__m512& sum, int r, int) {
-                    sum = _mm512_dpbf16_ps(sum, load(weights_.dense[n + r] + f), of_state);
+                    sum = add_products(sum, load(weights_.dense[n + r] + f), of_state);
                 });
             }
             sums.each([&](__m512& sum, int r, int) {
@@ -547,8 +589,8 @@ class Trunk {
         for (long first = 0; first < states; first += TILE) {
             Sums<ROWS> sums;
             sums.start_at_zero();
-            sums.add(weights_.dense[n], FEATURES, 2, features_.data() + first * FEATURES,
-                     FEATURES / 2);
+            sums.add(weights_.dense[n], FEATURES, GROUP, features_.data() + first * FEATURES,
+                     FEATURES / GROUP);
             float values[ROWS][TILE];
             sums.write(values[0], TILE);
             for (long i = 0; i < TILE && first + i < states; i++)
@@ -557,20 +599,24 @@ class Trunk {
         }
     }
 
-    // Adds the gradients of the convolutions' weights by two states. A last state without a partner
-    // takes itself, with gradients of 0.
-    void add_pair(const bf16* pixels, long states, long pair, const float* d_features, Scratch& s) {
-        const long i = 2 * pair, j = i + 1 < states ? i + 1 : i;
-        const bf16* const a0[2] = {pixels + i * A0, pixels + j * A0};
-        const Activations* const a[2] = {&kept_[i], &kept_[j]};
-        const float* const of[2] = {d_features + i * FEATURES,
-                                    j > i ? d_features + j * FEATURES : no_gradients_};
+    // Adds the gradients of the convolutions' weights by the group of states from `first` on. One
+    // beyond the last state is that again, with gradients of 0.
+    void add_group(const number* pixels, long states, long first, const float* d_features, Scratch& s) {
+        const number* a0[GROUP];
+        const Activations* a[GROUP];
+        const float* of[GROUP];
+        for (int i = 0; i < GROUP; i++) {
+            const long state = std::min(first + i, states - 1);
+            a0[i] = pixels + state * A0;
+            a[i] = &kept_[state];
+            of[i] = first + i == state ? d_features + state * FEATURES : no_gradients_;
+        }
         third_layer(a, of, s);
         second_layer(weights_, a, s);
         first_layer(weights_, a0, a, s);
     }
 
-    static void round_row(const float* from, bf16* to, int count) {
+    static void round_row(const float* from, number* to, int count) {
         for (int i = 0; i < count; i += LANES) store(to + i, _mm512_loadu_ps(from + i));
     }
 
@@ -583,7 +629,7 @@ class Trunk {
 
     Weights weights_{};
     std::vector<Activations> kept_;
-    std::vector<bf16> features_, d_plain_, d_pairs_, a_pairs_;
+    std::vector<number> features_, d_plain_, d_groups_, a_groups_;
     std::vector<float> d_features_;
     std::vector<std::unique_ptr<Scratch>> scratch_;
     inline static const float no_gradients_[FEATURES]{};
@@ -594,8 +640,8 @@ class Trunk {
 extern "C" {
 
 // Frames [states][4][84][84] as pixels [states][21][21][64]: each frame less the one before it, the
-// oldest less its mean; or all less the mean of all; or as they are. bfloat16 has them exactly.
-void trunk_pixels(const std::uint8_t* frames, bf16* pixels, long states, int differences, int center,
+// oldest less its mean; or all less the mean of all; or as they are. Even bfloat16 has them exactly.
+void trunk_pixels(const std::uint8_t* frames, number* pixels, long states, int differences, int center,
                   int threads) {
     constexpr int FRAME = SIDE * SIDE;
     Deal all(states);
@@ -607,7 +653,7 @@ void trunk_pixels(const std::uint8_t* frames, bf16* pixels, long states, int dif
                 const int frame = row / SIDE, y = row % SIDE;
                 const std::uint8_t* now = of + row * SIDE;
                 const std::uint8_t* before = differences && frame ? now - FRAME : nullptr;
-                bf16* to = pixels + i * A0 + y / BLOCK * S0 * C0 + (frame * BLOCK + y % BLOCK) * BLOCK;
+                number* to = pixels + i * A0 + y / BLOCK * S0 * C0 + (frame * BLOCK + y % BLOCK) * BLOCK;
                 for (int x : {0, 16, 32, 48, 64, SIDE - LANES})  // the last ones overlap
                     place_pixels(now + x, before ? before + x : nullptr, grey, to + x / BLOCK * C0);
             }
@@ -626,13 +672,13 @@ void trunk_pack(Trunk* trunk, const float* const weights[4], const float* const 
 }
 
 // Writes the dense layer's outputs, [states][512], and keeps what the backward pass needs.
-void trunk_forward(Trunk* trunk, const bf16* pixels, long states, int keep, float* out,
+void trunk_forward(Trunk* trunk, const number* pixels, long states, int keep, float* out,
                    int threads) {
     trunk->forward(pixels, states, keep, out, threads);
 }
 
 // Writes the gradients by all weights, laid out as for `trunk_pack`, from that by the outputs.
-void trunk_backward(Trunk* trunk, const bf16* pixels, long states, const float* d,
+void trunk_backward(Trunk* trunk, const number* pixels, long states, const float* d,
                     float* const weights[4], float* const biases[4], long stride, int threads) {
     trunk->backward(pixels, states, d, weights, biases, stride, threads);
 }

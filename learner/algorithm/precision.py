@@ -1,4 +1,4 @@
-"""The precision in which a network computes: its own float32, or bfloat16 from a copy of it.
+"""How a network computes: in its own float32, or in bfloat16 from a copy; or by compiled code.
 
 The small steps of an optimizer would vanish in bfloat16's 8 bits, so the master weights stay
 float32, and a copy does the multiplying. The arithmetic is that of `torch.autocast`. But autocast
@@ -11,6 +11,7 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor, nn
 
+from common.native.library import Numbers
 from common.native.network import NativeQNetwork
 from common.network import QNetwork
 from learner.device import Device
@@ -20,14 +21,14 @@ def precision_of(master: QNetwork, device: Device) -> "Precision":
     """Returns how ``master`` computes on ``device``: by the compiled code if that is chosen and
     knows its layers."""
     if device.native and NativeQNetwork.fits(master):
-        return NativePrecision(master)
+        return NativePrecision(master, device.numbers)
     return Bfloat16Precision(master) if device.bfloat16 else Precision(master)
 
 
 class Precision:
     """Computes in float32, with the master weights themselves."""
 
-    dtype = torch.float32
+    dtype: torch.dtype = torch.float32
     """Type of the pixels that `network` takes."""
 
     def __init__(self, master: QNetwork) -> None:
@@ -76,10 +77,9 @@ class Bfloat16Precision(Precision):
 class NativePrecision(Precision):
     """Computes the large layers by compiled code, see `NativeQNetwork`."""
 
-    dtype = torch.bfloat16
-
-    def __init__(self, master: QNetwork) -> None:
-        self._native = NativeQNetwork(master)
+    def __init__(self, master: QNetwork, numbers: Numbers) -> None:
+        self._native = NativeQNetwork(master, numbers)
+        self.dtype = self._native.dtype
         super().__init__(self._native)
 
     def backward(self, loss: Tensor) -> None:

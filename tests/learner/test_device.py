@@ -6,10 +6,12 @@ import torch
 
 from common.errors import InputError
 from common.metrics import METRICS
+from common.native.kernel import _NEEDS
+from common.native.library import Numbers
 from common.network import QNetwork
 from common.run.config import LearningConfig
-from learner.device import Device, DeviceChoice, PrecisionChoice, choose_device
-from tests.native import NEEDS_NATIVE
+from learner.device import Device, PrecisionChoice, choose_device
+from tests.native import EACH_NUMBERS
 
 GPU = Device(torch.device("cuda"), bfloat16=True)
 
@@ -64,25 +66,39 @@ def test_bfloat16_that_a_processor_only_emulates_is_warned_of(
     assert capsys.readouterr().err[: len(told) or None] == told
 
 
-@pytest.mark.parametrize(("device", "precision"), [("cpu", "float32"), ("cuda", "bfloat16")])
-def test_the_native_kernel_is_for_bfloat16_on_a_cpu(
-    device: DeviceChoice, precision: PrecisionChoice, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(
+    ("cpu", "bfloat16"),
+    [
+        ({"avx512_bf16": True, "cpu_name": "AMD EPYC"}, True),
+        ({"avx512_bf16": True, "cpu_name": "Intel Xeon"}, False),
+        ({"avx512_bf16": True, "amx_bf16": True, "cpu_name": "Intel Xeon"}, True),
+        ({"avx2": True}, False),
+    ],
+)
+def test_auto_takes_bfloat16_where_it_is_faster(
+    cpu: dict[str, object], bfloat16: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(torch.cpu, "get_capabilities", lambda: cpu)
+    assert choose_device("cpu", "auto").bfloat16 is bfloat16
+
+
+def test_the_native_kernel_is_for_a_cpu(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
     monkeypatch.setattr(torch.cuda, "is_bf16_supported", lambda *, including_emulation: True)
-    with pytest.raises(InputError, match="bfloat16 on a CPU: omit --kernel native"):
-        choose_device(device, precision, "native")
-    assert not choose_device(device, precision, "auto").native
+    with pytest.raises(InputError, match="on a CPU: omit --kernel native"):
+        choose_device("cuda", "bfloat16", "native")
+    assert not choose_device("cuda", "bfloat16", "auto").native
 
 
-@NEEDS_NATIVE
+@pytest.mark.parametrize("numbers", EACH_NUMBERS)
 def test_the_native_kernel_is_taken_unless_another_is_asked_for(
-    monkeypatch: pytest.MonkeyPatch,
+    numbers: Numbers, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(torch.cpu, "get_capabilities", lambda: {"avx512_bf16": True})
+    cpu = dict.fromkeys(_NEEDS[numbers], True)
+    monkeypatch.setattr(torch.cpu, "get_capabilities", lambda: cpu)
     small = QNetwork(6, learning=LearningConfig(network="nips"))
     assert choose_device("cpu", "auto").native
-    assert choose_device("cpu", "auto", network=QNetwork(6)).name == "cpu (bfloat16, native)"
+    assert choose_device("cpu", "auto", network=QNetwork(6)).name == f"cpu ({numbers}, native)"
     assert not choose_device("cpu", "auto", "torch").native
     assert not choose_device("cpu", "auto", network=small).native
 

@@ -16,12 +16,15 @@ from learner.algorithm.value_based import ValueBased
 from learner.device import Device
 from tests.extending.toy_algorithm import RandomPolicyLoss, Settings
 from tests.learner.small_batches import learn, random_batch
-from tests.native import NEEDS_NATIVE
+from tests.native import needs_native
 
 CPU = Device(torch.device("cpu"), bfloat16=False)
 CPU_BFLOAT16 = Device(torch.device("cpu"), bfloat16=True)
-CPU_NATIVE = Device(torch.device("cpu"), bfloat16=True, native=True)
-NATIVE = pytest.param(CPU_NATIVE, marks=NEEDS_NATIVE)
+CPU_NATIVE = replace(CPU_BFLOAT16, native=True)
+NATIVE = [
+    pytest.param(CPU_NATIVE, marks=needs_native("bfloat16")),
+    pytest.param(replace(CPU, native=True), marks=needs_native("float32")),
+]
 
 
 def _network(seed: int = 0, width: int = 0) -> QNetwork:
@@ -144,7 +147,7 @@ def test_the_targets_period_goes_on_where_an_earlier_process_left_it() -> None:
         assert all(torch.equal(value, target[name]) for name, value in online.items()) == synced
 
 
-@pytest.mark.parametrize("device", [CPU, CPU_BFLOAT16, NATIVE])
+@pytest.mark.parametrize("device", [CPU, CPU_BFLOAT16, *NATIVE])
 def test_what_was_prepared_with_an_older_target_is_prepared_again(device: Device) -> None:
     batch = random_batch()
     priorities = []
@@ -162,7 +165,10 @@ def test_what_was_prepared_with_an_older_target_is_prepared_again(device: Device
 @pytest.mark.parametrize(
     ("device", "tolerance"),
     # bfloat16 has 8 bits: 0.4 %. The kernel rounds elsewhere: sums, for example, not at all.
-    [(CPU_BFLOAT16, 0.01), pytest.param(CPU_NATIVE, 0.05, marks=NEEDS_NATIVE)],
+    [
+        (CPU_BFLOAT16, 0.01),
+        pytest.param(CPU_NATIVE, 0.05, marks=needs_native("bfloat16")),
+    ],
 )
 def test_bfloat16_is_what_autocast_computes(device: Device, tolerance: float) -> None:
     config = LearningConfig(loss="mse", gradient_norm=0.0)
@@ -197,10 +203,12 @@ def test_a_bfloat16_copy_takes_over_weights_that_are_loaded() -> None:
         assert torch.equal(ours, theirs.to(ours.dtype))
 
 
-@NEEDS_NATIVE
-def test_the_native_kernel_goes_on_with_loaded_weights_and_after_each_update() -> None:
+@pytest.mark.parametrize("device", NATIVE)
+def test_the_native_kernel_goes_on_with_loaded_weights_and_after_each_update(
+    device: Device,
+) -> None:
     """It has a copy of the weights, which would be out of date otherwise."""
-    algorithm, other = (double_dqn(_network(seed), LearningConfig(), CPU_NATIVE) for seed in (0, 1))
+    algorithm, other = (double_dqn(_network(seed), LearningConfig(), device) for seed in (0, 1))
     learn(other, random_batch())
     algorithm.load_state({name: value.clone() for name, value in other.state().items()})
     algorithm.reseed(1)  # whose learning rate is that of the second update
@@ -218,10 +226,12 @@ def test_the_native_kernel_goes_on_with_loaded_weights_and_after_each_update() -
         )
 
 
-@NEEDS_NATIVE
+@pytest.mark.parametrize("device", NATIVE)
 @pytest.mark.parametrize(("network", "native"), [("nature", True), ("nips", False)])
-def test_only_networks_that_the_kernel_knows_are_its(network: NetworkName, native: bool) -> None:
-    precision = precision_of(QNetwork(6, learning=LearningConfig(network=network)), CPU_NATIVE)
+def test_only_networks_that_the_kernel_knows_are_its(
+    network: NetworkName, native: bool, device: Device
+) -> None:
+    precision = precision_of(QNetwork(6, learning=LearningConfig(network=network)), device)
     assert isinstance(precision, NativePrecision) is native
 
 
@@ -258,8 +268,8 @@ def test_the_target_network_is_not_synced_while_it_is_evaluated() -> None:
     assert held == [True]
 
 
-@pytest.mark.parametrize("device", [CPU_BFLOAT16, NATIVE])
-def test_bfloat16_follows_float32_over_many_updates(device: Device) -> None:
+@pytest.mark.parametrize("device", [CPU_BFLOAT16, *NATIVE])
+def test_other_arithmetic_follows_float32_over_many_updates(device: Device) -> None:
     """The faster precision learns the same: losses within 2 % over 60 updates of fixed data."""
     config = replace(LearningConfig(), learning_rate=1e-4)
     losses = []
@@ -281,7 +291,7 @@ def test_max_q_is_each_states_highest_value() -> None:
     torch.testing.assert_close(values, expected, rtol=1e-4, atol=1e-5)
 
 
-@pytest.mark.parametrize("device", [CPU, CPU_BFLOAT16, NATIVE])
+@pytest.mark.parametrize("device", [CPU, CPU_BFLOAT16, *NATIVE])
 @pytest.mark.parametrize("optimizer", ["adam", "rmsprop"])
 @pytest.mark.parametrize("reward", [float("nan"), float("inf")])
 def test_a_minibatch_that_is_not_finite_changes_no_weight(
