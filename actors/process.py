@@ -18,7 +18,8 @@ from actors.member import Member
 from actors.options import ActorOptions
 from actors.policy import Policy
 from common.errors import InputError
-from common.native.kernel import choose_kernel, fastest_numbers
+from common.native.kernel import bfloat16_is_faster, choose_kernel
+from common.native.library import Instructions
 from common.native.network import NativeQNetwork
 from common.network import QNetwork, build_network
 from common.process.allocator import keep_large_blocks
@@ -41,7 +42,7 @@ def join(options: ActorOptions) -> None:
     """
     name = _name_of(options)
     # Now, for it may have to be compiled, before anybody waits for this actor.
-    if not options.evaluator and not choose_kernel(options.kernel, fastest_numbers()):
+    if not options.evaluator and not _instructions(options):
         options = replace(options, kernel="torch")
     stop = threading.Event()
     on_signals(stop)
@@ -109,10 +110,15 @@ def _play(member: Member, options: ActorOptions) -> None:
 def network_of(config: RunConfig, actions: int, options: ActorOptions) -> QNetwork:
     """Returns the run's network with its initial weights, as this process computes it. Raises
     InputError as `choose_kernel` does."""
-    network, numbers = build_network(config, actions), fastest_numbers()
-    if options.evaluator or not choose_kernel(options.kernel, numbers, network):
-        return network
-    return NativeQNetwork(network, numbers)
+    network = build_network(config, actions)
+    instructions = None if options.evaluator else _instructions(options, network)
+    return NativeQNetwork(network, instructions) if instructions else network
+
+
+def _instructions(options: ActorOptions, network: QNetwork | None = None) -> Instructions | None:
+    """Returns what the compiled code is to compute ``network`` by. Raises InputError as
+    `choose_kernel` does."""
+    return choose_kernel(options.kernel, bfloat16=bfloat16_is_faster(), network=network)
 
 
 def _name_of(options: ActorOptions) -> str:

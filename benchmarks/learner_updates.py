@@ -29,7 +29,7 @@ from benchmarks.random_play import random_play
 from benchmarks.replay import draw
 from benchmarks.report import BenchmarkOptions, Report, Table, main
 from common.checked import FromOne
-from common.native.kernel import choose_kernel
+from common.native.kernel import instructions_here
 from common.network import build_network
 from common.process.allocator import keep_large_blocks
 from common.run.config import RunConfig
@@ -84,13 +84,15 @@ def algorithm_of(config: RunConfig, device: Device) -> Algorithm:
 
 
 def precisions_of(chosen: Device) -> dict[str, Device]:
-    """Returns float32 and bfloat16 by PyTorch, and by the native kernel where it is for them."""
-    devices = [Device(chosen.torch, bfloat16) for bfloat16 in (False, True)]
-    if chosen.native:
-        devices += [
-            replace(each, native=True) for each in devices if choose_kernel("auto", each.numbers)
-        ]
-    return {each.numbers + ", native" * each.native: each for each in devices}
+    """Returns float32 and bfloat16 by PyTorch, and the native kernel by all that is here."""
+    devices = {
+        "float32": Device(chosen.torch, bfloat16=False),
+        "bfloat16": Device(chosen.torch, bfloat16=True),
+    }
+    for each in instructions_here() if chosen.native else ():
+        bfloat16 = each == "avx512_bf16"
+        devices[f"native, {each}"] = Device(chosen.torch, bfloat16, native=each)
+    return devices
 
 
 def time_settings(options: Options, chosen: Device) -> list[dict[str, Any]]:
@@ -192,7 +194,7 @@ def measure(options: Options) -> Report:
     title = f"{kind} update, batch {options.batch_size}, 84×84×4, {updates} updates each"
     tables = {"rows": Table(title, time_settings(options, chosen))}
     if chosen.torch.type == "cpu":
-        precision = chosen.numbers
+        precision = chosen.precision
         kinds = f"The same in {precision} on one thread, by kind of work"
         tables["kinds"] = Table(kinds, time_kinds(options, bfloat16=chosen.bfloat16))
         network = build_network(options.config, _ACTIONS)
@@ -203,8 +205,8 @@ def measure(options: Options) -> Report:
         )
     if chosen.native:
         tables["native"] = Table(
-            f"Parts of the native kernel in {chosen.numbers}, each alone, on one thread",
-            time_native(network, chosen.numbers, options.batch_size, updates),
+            f"Parts of the native kernel in {chosen.precision}, each alone, on one thread",
+            time_native(network, chosen.native, options.batch_size, updates),
         )
     if options.compared:
         precisions = "Against float32 by PyTorch, the same minibatches of real frames"

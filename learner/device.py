@@ -1,13 +1,13 @@
 """The hardware that the network runs on, and the precision of its updates."""
 
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 from common.errors import InputError
 from common.metrics import Value
-from common.native.kernel import KernelChoice, choose_kernel, fastest_numbers
-from common.native.library import Numbers
+from common.native.kernel import KernelChoice, bfloat16_is_faster, choose_kernel
+from common.native.library import Instructions
 from common.process.log_lines import say_aside
 
 if TYPE_CHECKING:  # a command line is parsed without PyTorch
@@ -28,18 +28,18 @@ class Device:
     """Whether an update computes its layers in bfloat16."""
     graphs: bool = False
     """Whether an update is recorded as a CUDA graph, see `learner.algorithm.cuda_graph`."""
-    native: bool = False
-    """Whether `common.native` computes what it can of an update."""
+    native: Instructions | None = None
+    """What `common.native` computes by what it can of an update; None for PyTorch alone."""
 
     @property
-    def numbers(self) -> Numbers:
+    def precision(self) -> str:
         """What an update multiplies."""
         return "bfloat16" if self.bfloat16 else "float32"
 
     @property
     def name(self) -> str:
         """Device and precision for people: ``cpu (bfloat16)``."""
-        return f"{self.torch.type} ({self.numbers}{', native' if self.native else ''})"
+        return f"{self.torch.type} ({self.precision}{', native' if self.native else ''})"
 
     def figures(self) -> dict[str, Value]:
         """Returns memory and utilisation of the GPU, by all programs; nothing without CUDA.
@@ -91,7 +91,7 @@ def choose_device(
     else:
         cpu = torch.cpu.get_capabilities()
         has = bool(cpu.get("avx512_bf16") or cpu.get("amx_bf16"))
-        faster = bool(cpu.get("amx_bf16")) or fastest_numbers() == "bfloat16"
+        faster = bool(cpu.get("amx_bf16")) or bfloat16_is_faster()
     if precision == "bfloat16" and not has:
         say_aside(
             f"warning: this {'GPU' if kind == 'cuda' else 'CPU'} only emulates bfloat16, slower "
@@ -103,6 +103,7 @@ def choose_device(
         raise InputError(
             "the native kernel computes on a CPU: omit --kernel native, or give --device cpu."
         )
-    found = Device(torch.device(kind), bfloat16, graphs and kind == "cuda")
-    compiled = kind == "cpu" and choose_kernel(kernel, found.numbers, network)
-    return replace(found, native=compiled)
+    if kind == "cuda":
+        return Device(torch.device(kind), bfloat16, graphs)
+    compiled = choose_kernel(kernel, bfloat16=bfloat16, network=network)
+    return Device(torch.device(kind), bfloat16, native=compiled)

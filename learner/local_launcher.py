@@ -2,7 +2,7 @@
 
 from functools import partial
 
-from common.native.kernel import fastest_numbers
+from common.native.kernel import bfloat16_is_faster
 from common.process.supervisor import Child, Supervisor
 from common.run.folder import RunFolder
 from learner.options import LearnerOptions, local_names
@@ -15,7 +15,7 @@ def launch(options: LearnerOptions, endpoint: str, folder: RunFolder) -> Supervi
     their deadlines do not wait.
     """
     actors, evaluators = local_names(options)
-    rounded = options.precision == "float32" and fastest_numbers() == "bfloat16"
+    rounded = options.precision == "float32" and bfloat16_is_faster()
     kernel = "torch" if rounded else options.kernel
     playing = ["--envs", str(options.envs), "--kernel", kernel]
     roles = dict.fromkeys(actors, playing)

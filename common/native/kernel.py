@@ -3,7 +3,7 @@
 from typing import TYPE_CHECKING, Literal
 
 from common.errors import InputError
-from common.native.library import NativeUnavailableError, Numbers, library
+from common.native.library import Instructions, NativeUnavailableError, library
 from common.process.log_lines import say_aside
 
 if TYPE_CHECKING:
@@ -12,36 +12,50 @@ if TYPE_CHECKING:
 # PyTorch is imported only where it is asked, so that help and wrong flags are answered at once.
 
 KernelChoice = Literal["auto", "torch", "native"]
-_AVX512 = ("avx512_f", "avx512_bw", "avx512_cd", "avx512_dq", "avx512_vl")
-_NEEDS: dict[Numbers, tuple[str, ...]] = {
-    "float32": _AVX512,
-    "bfloat16": (*_AVX512, "avx512_bf16"),
+_AVX2 = ("avx2", "bmi", "bmi2", "f16c", "fma3", "lzcnt")
+_AVX512 = (*_AVX2, "avx512_f", "avx512_bw", "avx512_cd", "avx512_dq", "avx512_vl")
+NEEDS: dict[Instructions, tuple[str, ...]] = {
+    "avx512_bf16": (*_AVX512, "avx512_bf16"),
+    "avx512": _AVX512,
+    "avx2": _AVX2,
 }
-_NAMES: dict[Numbers, str] = {"float32": "AVX-512", "bfloat16": "AVX-512 bf16"}
+"""What a processor must have for each, as PyTorch names it; the faster ones come first."""
 
 
-def fastest_numbers() -> Numbers:
-    """Returns what the compiled code multiplies faster here.
+def instructions_here() -> list[Instructions]:
+    """Returns what this processor can, the faster ones first."""
+    import torch
 
-    That is bfloat16 on AMD's processors with AVX-512 bf16. Intel's take twice the time for that
-    instruction that they take for the two of float32 which it stands for (benchmarks/LOG.md).
+    cpu = torch.cpu.get_capabilities()
+    return [each for each, needs in NEEDS.items() if all(map(cpu.get, needs))]
+
+
+def bfloat16_is_faster() -> bool:
+    """Returns whether the compiled code multiplies bfloat16 faster than float32 here.
+
+    So do AMD's processors with AVX-512 bf16. Intel's take twice the time for that instruction that
+    they take for the two of float32 which it stands for (benchmarks/LOG.md).
     """
     import torch
 
     cpu = torch.cpu.get_capabilities()
     intel = str(cpu.get("cpu_name", "")).startswith("Intel")
-    return "bfloat16" if cpu.get("avx512_bf16") and not intel else "float32"
+    return bool(cpu.get("avx512_bf16")) and not intel
 
 
 def choose_kernel(
-    kernel: KernelChoice, numbers: Numbers, network: "QNetwork | None" = None
-) -> bool:
-    """Returns whether to use the compiled code for ``numbers``, which is then there, for
-    ``network``; None stands for one with the usual layers.
+    kernel: KernelChoice, *, bfloat16: bool, network: "QNetwork | None" = None
+) -> Instructions | None:
+    """Returns what the compiled code computes by, which is then there; or None, for PyTorch.
 
-    'auto' takes it where it is faster: on a processor with AVX-512, but not for bfloat16 on one
+    'auto' takes it where it is faster: on any x86 processor with AVX2, but not for bfloat16 on one
     that multiplies tiles of it (AMX), for which PyTorch has good code. A warning tells if it cannot
     be compiled there.
+
+    Args:
+        kernel: what was asked for.
+        bfloat16: whether bfloat16 is to be multiplied, and not float32.
+        network: the network to compute; None for one with the usual layers.
 
     Raises:
         InputError: it was asked for but cannot be used.
@@ -50,24 +64,29 @@ def choose_kernel(
 
     from common.native.network import NativeQNetwork
 
-    cpu = torch.cpu.get_capabilities()
-    asked, can = kernel == "native", all(cpu.get(each) for each in _NEEDS[numbers])
+    if kernel == "torch":
+        return None
+    asked = kernel == "native"
+    able = (each for each in instructions_here() if (each == "avx512_bf16") == bfloat16)
+    found = next(able, None)
     fits = network is None or NativeQNetwork.fits(network)
-    if asked and not can:
-        raise InputError(f"this processor has no {_NAMES[numbers]}: omit --kernel native.")
-    if asked and not fits:
+    slower = bfloat16 and torch.cpu.get_capabilities().get("amx_bf16")
+    if not asked and (found is None or not fits or slower):
+        return None
+    if found is None:
+        raise InputError(
+            f"this processor has no {'AVX-512 bf16' if bfloat16 else 'AVX2'}: omit --kernel native."
+        )
+    if not fits:
         raise InputError(
             "the native kernel is for --learning.network nature with four frames: omit --kernel "
             "native."
         )
-    faster = can and fits and not (numbers == "bfloat16" and cpu.get("amx_bf16"))
-    if not (asked or (kernel == "auto" and faster)):
-        return False
     try:
-        library(numbers)
+        library(found)
     except NativeUnavailableError as error:
         if asked:
             raise InputError(f"the native kernel is not available: {error}.") from None
         say_aside(f"warning: PyTorch computes, which is slower here, because {error}.", "warning")
-        return False
-    return True
+        return None
+    return found

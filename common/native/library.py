@@ -17,12 +17,13 @@ from pathlib import Path
 from typing import Literal, get_args
 
 _SOURCE = Path(__file__).with_name("trunk.cpp")
-_FLAGS = ("-std=c++20", "-O3", "-march=x86-64-v4", "-shared", "-fPIC", "-pthread")
-Numbers = Literal["float32", "bfloat16"]
-"""What a library multiplies; its sums are float32."""
-_FLAGS_OF: dict[Numbers, tuple[str, ...]] = {
-    "float32": (),
-    "bfloat16": ("-mavx512bf16", "-DBFLOAT16"),
+_FLAGS = ("-std=c++20", "-O3", "-ffp-contract=fast", "-shared", "-fPIC", "-pthread")
+Instructions = Literal["avx2", "avx512", "avx512_bf16"]
+"""What a library computes by. The last one multiplies bfloat16, the others float32."""
+_FLAGS_OF: dict[Instructions, tuple[str, ...]] = {
+    "avx2": ("-march=x86-64-v3",),
+    "avx512": ("-march=x86-64-v4",),
+    "avx512_bf16": ("-march=x86-64-v4", "-mavx512bf16", "-DBFLOAT16"),
 }
 _COMPILERS = ("c++", "g++", "clang++")
 _SECONDS = 300
@@ -46,15 +47,15 @@ class NativeUnavailableError(Exception):
 
 
 @cache
-def library(numbers: Numbers) -> CDLL:
-    """Returns the library that multiplies ``numbers``, and compiles it if this user never did so
-    with this compiler.
+def library(instructions: Instructions) -> CDLL:
+    """Returns the library for ``instructions``, and compiles it if this user never did so with this
+    compiler.
 
     Raises:
         NativeUnavailableError: there is no compiler, or it failed, or the file cannot be trusted.
     """
     try:
-        loaded = _loaded(numbers)
+        loaded = _loaded(instructions)
     except (OSError, RuntimeError) as error:  # such as a user without a home
         raise NativeUnavailableError(str(error)) from None
     for name, arguments in _ARGUMENTS.items():
@@ -64,36 +65,36 @@ def library(numbers: Numbers) -> CDLL:
     return loaded
 
 
-def _loaded(numbers: Numbers) -> CDLL:
+def _loaded(instructions: Instructions) -> CDLL:
     """Returns the compiled file as a library; one that a full disk has damaged is made anew. Raises
     OSError or NativeUnavailableError."""
-    path = _compiled(numbers)
+    path = _compiled(instructions)
     try:
         return CDLL(str(path))
     except OSError:
         if path.parent == _SOURCE.parent:
             raise
         path.unlink()
-        return CDLL(str(_compiled(numbers)))
+        return CDLL(str(_compiled(instructions)))
 
 
-def _compiled(numbers: Numbers) -> Path:
+def _compiled(instructions: Instructions) -> Path:
     """Returns the compiled file. Raises OSError or NativeUnavailableError."""
-    shipped = _SOURCE.with_name(_name(numbers))
+    shipped = _SOURCE.with_name(_name(instructions))
     if shipped.exists():
         return shipped
     compiler = _compiler()
-    path = _folder() / _name(numbers, _run([*compiler, "--version"]))
+    path = _folder() / _name(instructions, _run([*compiler, "--version"]))
     if not path.exists():
-        _compile(compiler, numbers, path)
+        _compile(compiler, instructions, path)
     _check_own(path)
     return path
 
 
-def _name(numbers: Numbers, compiler: str = "") -> str:
+def _name(instructions: Instructions, compiler: str = "") -> str:
     """Returns the name of what ``compiler``, by its version, makes of the present source."""
-    told = "\n".join((_SOURCE.read_text(), *_FLAGS, *_FLAGS_OF[numbers], compiler))
-    return f"trunk-{numbers}-{hashlib.sha256(told.encode()).hexdigest()[:16]}.so"
+    told = "\n".join((_SOURCE.read_text(), *_FLAGS, *_FLAGS_OF[instructions], compiler))
+    return f"trunk-{instructions}-{hashlib.sha256(told.encode()).hexdigest()[:16]}.so"
 
 
 def _compiler() -> list[str]:
@@ -104,11 +105,11 @@ def _compiler() -> list[str]:
     return shlex.split(compiler)
 
 
-def _compile(compiler: list[str], numbers: Numbers, path: Path) -> None:
+def _compile(compiler: list[str], instructions: Instructions, path: Path) -> None:
     """Makes the file at ``path``. Raises OSError or NativeUnavailableError."""
     with tempfile.TemporaryDirectory(dir=path.parent) as folder:
         made = Path(folder, path.name)
-        _run([*compiler, *_FLAGS, *_FLAGS_OF[numbers], str(_SOURCE), "-o", str(made)])
+        _run([*compiler, *_FLAGS, *_FLAGS_OF[instructions], str(_SOURCE), "-o", str(made)])
         made.chmod(0o755)  # whatever the umask: only the user may write it, and all may load it
         made.rename(path)  # at once, or another process would load half of it
 
@@ -147,5 +148,5 @@ def _run(command: list[str]) -> str:
 
 
 if __name__ == "__main__":
-    for _numbers in get_args(Numbers):
-        _compile(_compiler(), _numbers, _SOURCE.with_name(_name(_numbers)))
+    for _each in get_args(Instructions):
+        _compile(_compiler(), _each, _SOURCE.with_name(_name(_each)))

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn.functional import linear
 
-from common.native.library import Numbers, library
+from common.native.library import Instructions, library
 from common.network import QNetwork
 
 _KERNELS = [((32, 4, 8, 8), (4, 4)), ((64, 32, 4, 4), (2, 2)), ((64, 64, 3, 3), (1, 1))]
@@ -41,12 +41,12 @@ class NativeQNetwork(QNetwork):
     ones.
     """
 
-    def __init__(self, master: QNetwork, numbers: Numbers) -> None:
+    def __init__(self, master: QNetwork, instructions: Instructions) -> None:
         """Raises NativeUnavailableError as `library` does."""
         nn.Module.__init__(self)
         self.__dict__.update(vars(master))  # its layers themselves, no copies
-        self._library = library(numbers)
-        self.dtype: torch.dtype = getattr(torch, numbers)
+        self._library = library(instructions)
+        self.dtype = torch.bfloat16 if instructions == "avx512_bf16" else torch.float32
         """Type of the pixels that it takes."""
         self._trunk = c_void_p(self._library.trunk_new())
         free = weakref.finalize(self, self._library.trunk_free, self._trunk)

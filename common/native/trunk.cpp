@@ -9,8 +9,9 @@
 //   gradients of activations    a layer's outputs    outputs
 //   gradients of weights        states and places    states
 //
-// With float32 a group is one number. One operand of a product is a vector of 16 groups, the other is
-// a single group, which is repeated.
+// With float32 a group is one number. One operand of a product is a vector of groups, the other is a
+// single group, which is repeated. A vector has 16 groups with AVX-512, which has 32 vectors in its
+// registers, and 8 with AVX2, which has 16.
 //
 // Activations are [state][y][x][channel]. Names end in the number of their layer; 0 are the pixels.
 // `a` are activations, `d` the gradients of the loss by what comes before their ReLU, `w` weights,
@@ -38,9 +39,25 @@ constexpr int GROUP = 2;
 using number = float;
 constexpr int GROUP = 1;
 #endif
-
 constexpr int LAST = GROUP - 1;
+
+#ifdef __AVX512F__
+using Vector = __m512;           // of float32
+constexpr int WIDE = 2;          // vectors of sums side by side in most products
+constexpr int MOST = 4;          // and in those of weights' gradients
+constexpr int KEPT = 16;         // vectors of sums in those
+#else
+using Vector = __m256;
+constexpr int WIDE = 1;
+constexpr int MOST = 2;
+constexpr int KEPT = 8;
+#endif
+constexpr int LANES = sizeof(Vector) / sizeof(float);
+constexpr int VECTOR = LANES * GROUP;        // numbers of a vector's groups
+constexpr int TILE = WIDE * LANES;           // sums side by side in most products
+
 constexpr int FRAMES = 4, SIDE = 84;
+constexpr int SOME = 16;                     // pixels that are converted together
 constexpr int BLOCK = 4;                     // the first layer's stride: pixels come in 4x4 blocks
 constexpr int S0 = SIDE / BLOCK;             // 21 blocks across
 constexpr int C0 = FRAMES * BLOCK * BLOCK;   // 64 pixels of a block, [frame][y][x]
@@ -52,15 +69,34 @@ constexpr int HIDDEN = 512;
 constexpr int A0 = S0 * S0 * C0, A1 = S1 * S1 * C1, A2 = S2 * S2 * C2, A3 = S3 * S3 * C3;
 constexpr int K1 = 4 * C0, K2 = 16 * C1, K3 = 9 * C2;  // inputs of a kernel
 
-constexpr int LANES = 16;                    // sums in a vector
-constexpr int VECTOR = LANES * GROUP;        // numbers of a vector's groups
-constexpr int TILE = 2 * LANES;              // sums side by side in most products
 constexpr int ROWS = 8;                      // sums below each other in those of the dense layer
 constexpr int FEW = 4;                       // states that the dense layer takes one by one,
                                              // as fast as it can read its weights
 constexpr int PADDED = S2 + 2;               // a row of d with zeros at both ends
 
 // ------------------------------------------------------------------------------------- vectors
+
+inline Vector load_vector(const float* from) {
+    Vector values;
+    std::memcpy(&values, from, sizeof values);
+    return values;
+}
+
+inline void store_vector(float* to, Vector values) { std::memcpy(to, &values, sizeof values); }
+
+inline Vector load_pixels(const std::uint8_t* from) {
+#ifdef __AVX512F__
+    return _mm512_cvtepi32_ps(_mm512_cvtepu8_epi32(_mm_loadu_si128((const __m128i*)from)));
+#else
+    return _mm256_cvtepi32_ps(_mm256_cvtepu8_epi32(_mm_loadl_epi64((const __m128i*)from)));
+#endif
+}
+
+inline float sum_of(Vector values) {
+    float sum = 0;
+    for (int i = 0; i < LANES; i++) sum += values[i];
+    return sum;
+}
 
 #ifdef BFLOAT16
 
@@ -72,17 +108,17 @@ inline __m512bh repeat(const number* group) {
     return (__m512bh)_mm512_set1_epi32(both);
 }
 
-inline __m512 add_products(__m512 sums, __m512bh a, __m512bh b) { return _mm512_dpbf16_ps(sums, a, b); }
+inline Vector add_products(Vector sums, __m512bh a, __m512bh b) { return _mm512_dpbf16_ps(sums, a, b); }
 
 inline __m512i load_integers(const number* from) {
     return _mm512_cvtepu16_epi32(_mm256_loadu_si256((const __m256i*)from));
 }
 
-inline __m512 load_floats(const number* from) {
+inline Vector load_floats(const number* from) {
     return _mm512_castsi512_ps(_mm512_slli_epi32(load_integers(from), 16));
 }
 
-inline void store(number* to, __m512 values) {
+inline void store(number* to, Vector values) {
     _mm256_storeu_si256((__m256i*)to, (__m256i)_mm512_cvtneps_pbh(values));
 }
 
@@ -96,15 +132,15 @@ inline void group(const number* first, const number* last, number* to, int count
 
 #else
 
-inline __m512 load(const number* from) { return _mm512_loadu_ps(from); }
+inline Vector load(const number* from) { return load_vector(from); }
 
-inline __m512 repeat(const number* group) { return _mm512_set1_ps(*group); }
+inline Vector repeat(const number* group) { return *group - Vector{}; }
 
-inline __m512 add_products(__m512 sums, __m512 a, __m512 b) { return _mm512_fmadd_ps(a, b, sums); }
+inline Vector add_products(Vector sums, Vector a, Vector b) { return a * b + sums; }
 
-inline __m512 load_floats(const number* from) { return _mm512_loadu_ps(from); }
+inline Vector load_floats(const number* from) { return load_vector(from); }
 
-inline void store(number* to, __m512 values) { _mm512_storeu_ps(to, values); }
+inline void store(number* to, Vector values) { store_vector(to, values); }
 
 // The first of a group is its last, too.
 inline void group(const number* first, const number*, number* to, int count) {
@@ -114,15 +150,14 @@ inline void group(const number* first, const number*, number* to, int count) {
 #endif
 
 // Returns d where the activation is positive, else 0: the gradient before a ReLU.
-inline __m512 before_relu(__m512 d, const number* activation) {
-    const __m512 a = load_floats(activation);
-    return _mm512_maskz_mov_ps(_mm512_cmp_ps_mask(a, _mm512_setzero_ps(), _CMP_GT_OQ), d);
+inline Vector before_relu(Vector d, const number* activation) {
+    return load_floats(activation) > Vector{} ? d : Vector{};
 }
 
 // R rows of V vectors of sums, which the compiler keeps in registers.
-template <int R, int V = 2>
+template <int R, int V = WIDE>
 struct Sums {
-    __m512 at[R][V];
+    Vector at[R][V];
 
     template <class F>
     inline void each(const F& change) {
@@ -132,15 +167,16 @@ struct Sums {
             for (int v = 0; v < V; v++) change(at[r][v], r, v);
     }
     inline void start_at_zero() {
-        each([](__m512& sum, int, int) { sum = _mm512_setzero_ps(); });
+        each([](Vector& sum, int, int) { sum = Vector{}; });
     }
     // Starts at floats whose rows are `row` apart; 0 repeats a single row.
     inline void start_at(const float* from, long row) {
-        each([=](__m512& sum, int r, int v) { sum = _mm512_loadu_ps(from + r * row + v * LANES); });
+        each([=](Vector& sum, int r, int v) { sum = load_vector(from + r * row + v * LANES); });
     }
     // Adds the products of `groups`: the single groups of row r begin at single + r * row and are
-    // `next` apart, and the V vectors of each follow those of the one before.
-    inline void add(const number* single, long row, long next, const number* vectors, long groups) {
+    // `next` apart, and the V vectors of each begin `apart` after those of the one before.
+    inline void add(const number* single, long row, long next, const number* vectors, long groups,
+                    long apart = V * VECTOR) {
         for (long g = 0; g < groups; g++) {
             decltype(load(vectors)) vector[V];
 #pragma GCC unroll 4
@@ -152,20 +188,20 @@ struct Sums {
                 for (int v = 0; v < V; v++) at[r][v] = add_products(at[r][v], one, vector[v]);
             }
             single += next;
-            vectors += V * VECTOR;
+            vectors += apart;
         }
     }
     inline void write(float* to, long row) {
-        each([=](__m512& sum, int r, int v) { _mm512_storeu_ps(to + r * row + v * LANES, sum); });
+        each([=](Vector& sum, int r, int v) { store_vector(to + r * row + v * LANES, sum); });
     }
-    // Not a number stays one: the maximum returns its second operand then.
+    // Not a number stays one: it is not less than 0.
     inline void write_relu(number* to, long row) {
-        each([=](__m512& sum, int r, int v) {
-            store(to + r * row + v * LANES, _mm512_max_ps(_mm512_setzero_ps(), sum));
+        each([=](Vector& sum, int r, int v) {
+            store(to + r * row + v * LANES, sum < Vector{} ? Vector{} : sum);
         });
     }
     inline void write_before_relu(number* to, const number* activation, long row) {
-        each([=](__m512& sum, int r, int v) {
+        each([=](Vector& sum, int r, int v) {
             const long place = r * row + v * LANES;
             store(to + place, before_relu(sum, activation + place));
         });
@@ -209,14 +245,14 @@ class Deal {
 
 // The weights in the layouts of both passes.
 struct Weights {
-    alignas(64) number w1[K1 / GROUP][C1][GROUP];                // [group of inputs][output][GROUP]
-    alignas(64) number w2[2][K2 / GROUP][TILE][GROUP];           // [half of the outputs][the same]
-    alignas(64) number w3[2][K3 / GROUP][TILE][GROUP];
-    alignas(64) number back2[4][4][C2 / GROUP][C1][GROUP];       // [y][x][outputs][input][GROUP]
-    alignas(64) number back3[2][3][3][C3 / GROUP][TILE][GROUP];  // [half of the inputs][the same]
+    alignas(64) number w1[C1 / TILE][K1 / GROUP][TILE][GROUP];  // [outputs][inputs][output][input]
+    alignas(64) number w2[C2 / TILE][K2 / GROUP][TILE][GROUP];
+    alignas(64) number w3[C3 / TILE][K3 / GROUP][TILE][GROUP];
+    alignas(64) number back2[C1 / TILE][16][C2 / GROUP][TILE][GROUP];  // [inputs][place of the kernel]
+    alignas(64) number back3[C2 / TILE][9][C3 / GROUP][TILE][GROUP];   // [outputs][input][output]
     alignas(64) number dense[HIDDEN][FEATURES];
     alignas(64) float b1[C1], b2[C2], b3[C3], b4[HIDDEN];
-    float scale;                                                 // of the first layer's weights
+    float scale;  // of the first layer's weights
 };
 
 struct Activations {  // of one state
@@ -235,7 +271,7 @@ struct Scratch {
     alignas(64) number a0_groups[GROUP * A0], a1_groups[GROUP * A1], a2_groups[GROUP * A2];
     alignas(64) number d1_groups[GROUP * A1], d2_groups[GROUP * A2], d3_groups[GROUP * A3];
     alignas(64) number d1[GROUP][A1], d2[GROUP][S2 * PADDED * C2], d3[GROUP][S3 * PADDED * C3];
-    alignas(64) number dense_groups[HIDDEN / GROUP][TILE][GROUP];  // weights of 32 features
+    alignas(64) number dense_groups[HIDDEN / GROUP][TILE][GROUP];  // weights of a panel
 };
 
 long up(long count, long multiple) { return (count + multiple - 1) / multiple; }
@@ -248,25 +284,21 @@ T* at_least(std::vector<T>& memory, long count) {
 
 // -------------------------------------------------------------------------------------- pixels
 
-// Returns the mean of `count` pixels, a multiple of 16; a half goes to the even number.
+// Returns the mean of `count` pixels; a half goes to the even number.
 int mean_of(const std::uint8_t* pixels, int count) {
-    __m128i sums = _mm_setzero_si128();
-    for (int p = 0; p < count; p += 16) {
-        const __m128i sixteen = _mm_loadu_si128((const __m128i*)(pixels + p));
-        sums = _mm_add_epi64(sums, _mm_sad_epu8(sixteen, _mm_setzero_si128()));
-    }
-    return (int)std::nearbyint((double)(_mm_extract_epi64(sums, 0) + _mm_extract_epi64(sums, 1)) / count);
+    unsigned sum = 0;
+    for (int p = 0; p < count; p++) sum += pixels[p];
+    return (int)std::nearbyint((double)sum / count);
 }
 
-// Writes 16 pixels of a row, less those before and less `grey`, to a row of four blocks.
+// Writes SOME pixels of a row, less those before and less `grey`, to a row of four blocks.
 inline void place_pixels(const std::uint8_t* now, const std::uint8_t* before, int grey, number* to) {
-    const auto widened = [](const std::uint8_t* from) {
-        return _mm512_cvtepu8_epi32(_mm_loadu_si128((const __m128i*)from));
-    };
-    const __m512i less = before ? widened(before) : _mm512_set1_epi32(grey);
-    number row[LANES];
-    store(row, _mm512_cvtepi32_ps(_mm512_sub_epi32(widened(now), less)));
-    for (int b = 0; b < LANES / BLOCK; b++)
+    number row[SOME];
+    for (int i = 0; i < SOME; i += LANES) {
+        const Vector less = before ? load_pixels(before + i) : (float)grey - Vector{};
+        store(row + i, load_pixels(now + i) - less);
+    }
+    for (int b = 0; b < SOME / BLOCK; b++)
         std::memcpy(to + b * C0, row + b * BLOCK, BLOCK * sizeof(number));
 }
 
@@ -274,32 +306,33 @@ inline void place_pixels(const std::uint8_t* now, const std::uint8_t* before, in
 
 void convolve(const Weights& w, const number* a0, Activations& a) {
     constexpr int ACROSS = S1 / 2;
-    for (int y = 0; y < S1; y++)
-        for (int x = 0; x < S1; x += ACROSS) {
-            Sums<ACROSS> sums;
-            sums.start_at(w.b1, 0);
-            for (int k = 0; k < 2; k++)
-                sums.add(a0 + ((y + k) * S0 + x) * C0, C0, GROUP, w.w1[k * 2 * C0 / GROUP][0],
-                         2 * C0 / GROUP);
-            sums.write_relu(a.a1 + (y * S1 + x) * C1, C1);
-        }
-    for (int half = 0; half < 2; half++)
+    for (int tile = 0; tile < C1 / TILE; tile++)
+        for (int y = 0; y < S1; y++)
+            for (int x = 0; x < S1; x += ACROSS) {
+                Sums<ACROSS> sums;
+                sums.start_at(w.b1 + tile * TILE, 0);
+                for (int k = 0; k < 2; k++)
+                    sums.add(a0 + ((y + k) * S0 + x) * C0, C0, GROUP,
+                             w.w1[tile][k * 2 * C0 / GROUP][0], 2 * C0 / GROUP);
+                sums.write_relu(a.a1 + (y * S1 + x) * C1 + tile * TILE, C1);
+            }
+    for (int tile = 0; tile < C2 / TILE; tile++)
         for (int y = 0; y < S2; y++) {
             Sums<S2> sums;
-            sums.start_at(w.b2 + half * TILE, 0);
+            sums.start_at(w.b2 + tile * TILE, 0);
             for (int k = 0; k < 4; k++)
-                sums.add(a.a1 + (2 * y + k) * S1 * C1, 2 * C1, GROUP, w.w2[half][k * 4 * C1 / GROUP][0],
-                         4 * C1 / GROUP);
-            sums.write_relu(a.a2 + y * S2 * C2 + half * TILE, C2);
+                sums.add(a.a1 + (2 * y + k) * S1 * C1, 2 * C1, GROUP,
+                         w.w2[tile][k * 4 * C1 / GROUP][0], 4 * C1 / GROUP);
+            sums.write_relu(a.a2 + y * S2 * C2 + tile * TILE, C2);
         }
-    for (int half = 0; half < 2; half++)
+    for (int tile = 0; tile < C3 / TILE; tile++)
         for (int y = 0; y < S3; y++) {
             Sums<S3> sums;
-            sums.start_at(w.b3 + half * TILE, 0);
+            sums.start_at(w.b3 + tile * TILE, 0);
             for (int k = 0; k < 3; k++)
-                sums.add(a.a2 + (y + k) * S2 * C2, C2, GROUP, w.w3[half][k * 3 * C2 / GROUP][0],
+                sums.add(a.a2 + (y + k) * S2 * C2, C2, GROUP, w.w3[tile][k * 3 * C2 / GROUP][0],
                          3 * C2 / GROUP);
-            sums.write_relu(a.a3 + y * S3 * C3 + half * TILE, C3);
+            sums.write_relu(a.a3 + y * S3 * C3 + tile * TILE, C3);
         }
 }
 
@@ -307,10 +340,9 @@ void convolve(const Weights& w, const number* a0, Activations& a) {
 
 void add_places(float* sums, const number* d, int places, int channels) {
     for (int c = 0; c < channels; c += LANES) {
-        __m512 sum = _mm512_loadu_ps(sums + c);
-        for (int p = 0; p < places; p++)
-            sum = _mm512_add_ps(sum, load_floats(d + p * channels + c));
-        _mm512_storeu_ps(sums + c, sum);
+        Vector sum = load_vector(sums + c);
+        for (int p = 0; p < places; p++) sum += load_floats(d + p * channels + c);
+        store_vector(sums + c, sum);
     }
 }
 
@@ -323,22 +355,24 @@ inline void group_rows(const number* first, const number* last, int left, number
     }
 }
 
-// Adds the gradients of a convolution's weights by a group of states, R inputs at a time by all
-// V * 16 outputs. It sees S_IN x S_IN places of C inputs, and has S x S places of outputs.
-template <int R, int V, int KERNEL, int STRIDE, int S_IN, int C, int S>
+// Adds the gradients of a convolution's weights by a group of states. It sees S_IN x S_IN places of C
+// inputs, and has S x S places of OUT outputs.
+template <int KERNEL, int STRIDE, int S_IN, int C, int S, int OUT>
 inline void add_weights(float* g, const number* first, const number* last, number* groups,
                         const number* d_groups) {
+    constexpr int V = std::min(OUT / LANES, MOST), R = KEPT / V;
     group(first, last, groups, S_IN * S_IN * C);
-    for (int k = 0; k < KERNEL * KERNEL * C; k += R) {
-        const int y = k / C / KERNEL, x = k / C % KERNEL, c = k % C;
-        const number* inputs = groups + GROUP * ((y * S_IN + x) * C + c);
-        Sums<R, V> sums;
-        sums.start_at(g + k * V * LANES, V * LANES);
-        for (int row = 0; row < S; row++)
-            sums.add(inputs + row * GROUP * STRIDE * S_IN * C, GROUP, GROUP * STRIDE * C,
-                     d_groups + row * S * V * VECTOR, S);
-        sums.write(g + k * V * LANES, V * LANES);
-    }
+    for (int k = 0; k < KERNEL * KERNEL * C; k += R)
+        for (int n = 0; n < OUT; n += V * LANES) {
+            const int y = k / C / KERNEL, x = k / C % KERNEL, c = k % C;
+            const number* inputs = groups + GROUP * ((y * S_IN + x) * C + c);
+            Sums<R, V> sums;
+            sums.start_at(g + k * OUT + n, OUT);
+            for (int row = 0; row < S; row++)
+                sums.add(inputs + row * GROUP * STRIDE * S_IN * C, GROUP, GROUP * STRIDE * C,
+                         d_groups + GROUP * (row * S * OUT + n), S, GROUP * OUT);
+            sums.write(g + k * OUT + n, OUT);
+        }
 }
 
 void third_layer(const Activations* const a[GROUP], const float* const d_features[GROUP], Scratch& s) {
@@ -350,20 +384,20 @@ void third_layer(const Activations* const a[GROUP], const float* const d_feature
                 for (int c = 0; c < C3; c++) d[c] = d_features[i][c * S3 * S3 + y * S3 + x];
                 for (int c = 0; c < C3; c += LANES) {
                     const number* activation = a[i]->a3 + (y * S3 + x) * C3 + c;
-                    store(row + x * C3 + c, before_relu(_mm512_loadu_ps(d + c), activation));
+                    store(row + x * C3 + c, before_relu(load_vector(d + c), activation));
                 }
             }
             add_places(s.sums.b3, row, S3, C3);
         }
     group_rows<S3, C3>(s.d3[0], s.d3[LAST], 2, s.d3_groups);
-    add_weights<4, 4, 3, 1, S2, C2, S3>(s.sums.g3[0], a[0]->a2, a[LAST]->a2, s.a2_groups, s.d3_groups);
+    add_weights<3, 1, S2, C2, S3, C3>(s.sums.g3[0], a[0]->a2, a[LAST]->a2, s.a2_groups, s.d3_groups);
 }
 
 void second_layer(const Weights& w, const Activations* const a[GROUP], Scratch& s) {
     for (int i = 0; i < GROUP; i++)
         for (int y = 0; y < S2; y++) {
             number* row = s.d2[i] + (y * PADDED + 1) * C2;
-            for (int half = 0; half < 2; half++) {
+            for (int tile = 0; tile < C2 / TILE; tile++) {
                 Sums<S2> sums;
                 sums.start_at_zero();
                 for (int ky = 0; ky < 3; ky++) {
@@ -371,39 +405,40 @@ void second_layer(const Weights& w, const Activations* const a[GROUP], Scratch& 
                     if (from < 0 || from >= S3) continue;
                     for (int kx = 0; kx < 3; kx++)
                         sums.add(s.d3[i] + (from * PADDED + 2 - kx) * C3, C3, GROUP,
-                                 w.back3[half][ky][kx][0][0], C3 / GROUP);
+                                 w.back3[tile][ky * 3 + kx][0][0], C3 / GROUP);
                 }
-                const int place = half * TILE;
+                const int place = tile * TILE;
                 sums.write_before_relu(row + place, a[i]->a2 + y * S2 * C2 + place, C2);
             }
             add_places(s.sums.b2, row, S2, C2);
         }
     group_rows<S2, C2>(s.d2[0], s.d2[LAST], 1, s.d2_groups);
-    add_weights<4, 4, 4, 2, S1, C1, S2>(s.sums.g2[0], a[0]->a1, a[LAST]->a1, s.a1_groups, s.d2_groups);
+    add_weights<4, 2, S1, C1, S2, C2>(s.sums.g2[0], a[0]->a1, a[LAST]->a1, s.a1_groups, s.d2_groups);
 }
 
 void first_layer(const Weights& w, const number* const a0[GROUP], const Activations* const a[GROUP],
                  Scratch& s) {
     for (int i = 0; i < GROUP; i++) {
         // With a stride of 2, every second place across got its outputs by the same weights.
-        for (int y = 0; y < S1; y++)
-            for (int odd = 0; odd < 2; odd++) {
-                Sums<S1 / 2> sums;
-                sums.start_at_zero();
-                for (int ky = y % 2; ky < 4; ky += 2) {
-                    const int from = (y - ky) / 2;
-                    if (y < ky || from >= S2) continue;
-                    for (int j = 0; j < 2; j++)
-                        sums.add(s.d2[i] + (from * PADDED + 1 - j) * C2, C2, GROUP,
-                                 w.back2[ky][odd + 2 * j][0][0], C2 / GROUP);
+        for (int tile = 0; tile < C1 / TILE; tile++)
+            for (int y = 0; y < S1; y++)
+                for (int odd = 0; odd < 2; odd++) {
+                    Sums<S1 / 2> sums;
+                    sums.start_at_zero();
+                    for (int ky = y % 2; ky < 4; ky += 2) {
+                        const int from = (y - ky) / 2;
+                        if (y < ky || from >= S2) continue;
+                        for (int j = 0; j < 2; j++)
+                            sums.add(s.d2[i] + (from * PADDED + 1 - j) * C2, C2, GROUP,
+                                     w.back2[tile][ky * 4 + odd + 2 * j][0][0], C2 / GROUP);
+                    }
+                    const int place = (y * S1 + odd) * C1 + tile * TILE;
+                    sums.write_before_relu(s.d1[i] + place, a[i]->a1 + place, 2 * C1);
                 }
-                const int place = (y * S1 + odd) * C1;
-                sums.write_before_relu(s.d1[i] + place, a[i]->a1 + place, 2 * C1);
-            }
         add_places(s.sums.b1, s.d1[i], S1 * S1, C1);
     }
     group(s.d1[0], s.d1[LAST], s.d1_groups, A1);
-    add_weights<8, 2, 2, 1, S0, C0, S1>(s.sums.g1[0], a0[0], a0[LAST], s.a0_groups, s.d1_groups);
+    add_weights<2, 1, S0, C0, S1, C1>(s.sums.g1[0], a0[0], a0[LAST], s.a0_groups, s.d1_groups);
 }
 
 // ------------------------------------------------------------------------------------ the trunk
@@ -428,31 +463,15 @@ class Trunk {
         for (int n = 0; n < C1; n++) {
             float row[K1];
             for (int k = 0; k < K1; k++) row[k] = weights[0][n * K1 + of_pixel(k)] * scale;
-            round_row(row, rounded.data(), K1);
-            for (int k = 0; k < K1; k += GROUP)
-                std::memcpy(w.w1[k / GROUP][n], rounded.data() + k, sizeof w.w1[0][0]);
+            round_row(row, rounded.data() + n * K1, K1);
         }
+        pack_forward<C1>(rounded.data(), w.w1);
         round_row(weights[1], rounded.data(), C2 * K2);
-        for (int n = 0; n < C2; n++)
-            for (int k = 0; k < K2; k += GROUP)
-                std::memcpy(w.w2[n / TILE][k / GROUP][n % TILE], rounded.data() + n * K2 + k,
-                            sizeof w.w2[0][0][0]);
-        for (int n = 0; n < C2; n += GROUP)
-            for (int k = 0; k < K2; k += C1) {
-                const number* row = rounded.data() + n * K2 + k;
-                group(row, row + LAST * K2, w.back2[k / C1 / 4][k / C1 % 4][n / GROUP][0], C1);
-            }
+        pack_forward<C2>(rounded.data(), w.w2);
+        pack_back<C1>(rounded.data(), w.back2);
         round_row(weights[2], rounded.data(), C3 * K3);
-        for (int n = 0; n < C3; n++)
-            for (int k = 0; k < K3; k += GROUP)
-                std::memcpy(w.w3[n / TILE][k / GROUP][n % TILE], rounded.data() + n * K3 + k,
-                            sizeof w.w3[0][0][0]);
-        for (int n = 0; n < C3; n += GROUP)
-            for (int k = 0; k < K3; k += TILE) {
-                const number* row = rounded.data() + n * K3 + k;
-                const int place = k / C2, half = k / TILE % 2;
-                group(row, row + LAST * K3, w.back3[half][place / 3][place % 3][n / GROUP][0], TILE);
-            }
+        pack_forward<C3>(rounded.data(), w.w3);
+        pack_back<C2>(rounded.data(), w.back3);
         Deal rows(HIDDEN);
         in_threads(threads, [&](int) {
             for (long n; rows.next(n);) round_row(weights[3] + n * stride, w.dense[n], FEATURES);
@@ -488,7 +507,7 @@ class Trunk {
                   float* const biases[4], long stride, int threads) {
         const long groups = up(states, GROUP), rows = up(states, ROWS) * ROWS;
         number* d_plain = at_least(d_plain_, rows * HIDDEN);
-        // [output / 8][group][output][GROUP] and [feature / 32][group][feature][GROUP]
+        // [output / 8][group][output][GROUP] and [feature / TILE][group][feature][GROUP]
         number* d_groups = at_least(d_groups_, groups * GROUP * HIDDEN);
         number* a_groups = at_least(a_groups_, groups * GROUP * FEATURES);
         float* d_features = at_least(d_features_, rows * FEATURES);
@@ -511,8 +530,8 @@ class Trunk {
                 const Activations& a = kept_[std::min(i, states - 1)];  // d is 0 beyond the last one
                 for (int c = 0, f = 0; c < C3; c++)
                     for (int place = 0; place < S3 * S3; place++, f++)
-                        a_groups[((f / TILE * groups + i / GROUP) * TILE + f % TILE) * GROUP + i % GROUP] =
-                            a.a3[place * C3 + c];
+                        a_groups[((f / TILE * groups + i / GROUP) * TILE + f % TILE) * GROUP +
+                                 i % GROUP] = a.a3[place * C3 + c];
             }
         });
         in_threads(threads, [&](int thread) {
@@ -562,8 +581,23 @@ class Trunk {
     }
 
   private:
+    template <int OUT, int INPUTS>
+    static void pack_forward(const number* rows, number (&to)[OUT / TILE][INPUTS][TILE][GROUP]) {
+        for (int n = 0; n < OUT; n++)
+            for (int k = 0; k < INPUTS; k++, rows += GROUP)
+                std::memcpy(to[n / TILE][k][n % TILE], rows, GROUP * sizeof(number));
+    }
+
+    template <int IN, int PLACES, int OUTPUTS>
+    static void pack_back(const number* rows,
+                          number (&to)[IN / TILE][PLACES][OUTPUTS][TILE][GROUP]) {
+        for (int n = 0; n < OUTPUTS; n++, rows += GROUP * PLACES * IN)
+            for (int k = 0; k < PLACES * IN; k += TILE)
+                group(rows + k, rows + LAST * PLACES * IN + k, to[k % IN / TILE][k / IN][n][0], TILE);
+    }
+
     // The place of a feature among those of few states, [state][feature], or of many,
-    // [state / 32][group of features][state][GROUP].
+    // [state / TILE][group of features][state][GROUP].
     static long feature_at(long state, int f, long states) {
         if (states <= FEW) return state * FEATURES + f;
         return state / TILE * TILE * FEATURES + (f / GROUP * TILE + state % TILE) * GROUP + f % GROUP;
@@ -575,12 +609,12 @@ class Trunk {
             sums.start_at_zero();
             for (int f = 0; f < FEATURES; f += VECTOR) {
                 const auto of_state = load(features_.data() + i * FEATURES + f);
-                sums.each([&](__m512& sum, int r, int) {
+                sums.each([&](Vector& sum, int r, int) {
                     sum = add_products(sum, load(weights_.dense[n + r] + f), of_state);
                 });
             }
-            sums.each([&](__m512& sum, int r, int) {
-                out[i * HIDDEN + n + r] = _mm512_reduce_add_ps(sum) + weights_.b4[n + r];
+            sums.each([&](Vector& sum, int r, int) {
+                out[i * HIDDEN + n + r] = sum_of(sum) + weights_.b4[n + r];
             });
         }
     }
@@ -617,7 +651,7 @@ class Trunk {
     }
 
     static void round_row(const float* from, number* to, int count) {
-        for (int i = 0; i < count; i += LANES) store(to + i, _mm512_loadu_ps(from + i));
+        for (int i = 0; i < count; i += LANES) store(to + i, load_vector(from + i));
     }
 
     void prepare(int threads) {
@@ -654,7 +688,7 @@ void trunk_pixels(const std::uint8_t* frames, number* pixels, long states, int d
                 const std::uint8_t* now = of + row * SIDE;
                 const std::uint8_t* before = differences && frame ? now - FRAME : nullptr;
                 number* to = pixels + i * A0 + y / BLOCK * S0 * C0 + (frame * BLOCK + y % BLOCK) * BLOCK;
-                for (int x : {0, 16, 32, 48, 64, SIDE - LANES})  // the last ones overlap
+                for (int x : {0, 16, 32, 48, 64, SIDE - SOME})  // the last ones overlap
                     place_pixels(now + x, before ? before + x : nullptr, grey, to + x / BLOCK * C0);
             }
         }

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor, nn
 
-from common.native.library import Numbers
+from common.native.library import Instructions
 from common.native.network import NativeQNetwork
 from common.network import QNetwork
 from learner.device import Device
@@ -21,7 +21,7 @@ def precision_of(master: QNetwork, device: Device) -> "Precision":
     """Returns how ``master`` computes on ``device``: by the compiled code if that is chosen and
     knows its layers."""
     if device.native and NativeQNetwork.fits(master):
-        return NativePrecision(master, device.numbers)
+        return NativePrecision(master, device.native)
     return Bfloat16Precision(master) if device.bfloat16 else Precision(master)
 
 
@@ -77,8 +77,8 @@ class Bfloat16Precision(Precision):
 class NativePrecision(Precision):
     """Computes the large layers by compiled code, see `NativeQNetwork`."""
 
-    def __init__(self, master: QNetwork, numbers: Numbers) -> None:
-        self._native = NativeQNetwork(master, numbers)
+    def __init__(self, master: QNetwork, instructions: Instructions) -> None:
+        self._native = NativeQNetwork(master, instructions)
         self.dtype = self._native.dtype
         super().__init__(self._native)
 

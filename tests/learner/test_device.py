@@ -6,12 +6,12 @@ import torch
 
 from common.errors import InputError
 from common.metrics import METRICS
-from common.native.kernel import _NEEDS
-from common.native.library import Numbers
+from common.native.kernel import NEEDS
+from common.native.library import Instructions
 from common.network import QNetwork
 from common.run.config import LearningConfig
 from learner.device import Device, PrecisionChoice, choose_device
-from tests.native import EACH_NUMBERS
+from tests.native import ALL_INSTRUCTIONS
 
 GPU = Device(torch.device("cuda"), bfloat16=True)
 
@@ -90,17 +90,18 @@ def test_the_native_kernel_is_for_a_cpu(monkeypatch: pytest.MonkeyPatch) -> None
     assert not choose_device("cuda", "bfloat16", "auto").native
 
 
-@pytest.mark.parametrize("numbers", EACH_NUMBERS)
+@pytest.mark.parametrize("instructions", ALL_INSTRUCTIONS)
 def test_the_native_kernel_is_taken_unless_another_is_asked_for(
-    numbers: Numbers, monkeypatch: pytest.MonkeyPatch
+    instructions: Instructions, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    cpu = dict.fromkeys(_NEEDS[numbers], True)
+    cpu = dict.fromkeys(NEEDS[instructions], True)
     monkeypatch.setattr(torch.cpu, "get_capabilities", lambda: cpu)
     small = QNetwork(6, learning=LearningConfig(network="nips"))
-    assert choose_device("cpu", "auto").native
-    assert choose_device("cpu", "auto", network=QNetwork(6)).name == f"cpu ({numbers}, native)"
-    assert not choose_device("cpu", "auto", "torch").native
-    assert not choose_device("cpu", "auto", network=small).native
+    assert choose_device("cpu", "auto").native == instructions
+    precision = "bfloat16" if instructions == "avx512_bf16" else "float32"
+    assert choose_device("cpu", "auto", network=QNetwork(6)).name == f"cpu ({precision}, native)"
+    assert choose_device("cpu", "auto", "torch").native is None
+    assert choose_device("cpu", "auto", network=small).native is None
 
 
 def test_a_gpu_that_only_emulates_bfloat16_is_called_one(

@@ -5,13 +5,15 @@ import torch
 
 from common.errors import InputError
 from common.native import kernel as module
-from common.native.kernel import _NEEDS, KernelChoice, choose_kernel, fastest_numbers
-from common.native.library import NativeUnavailableError, Numbers
+from common.native.kernel import NEEDS, KernelChoice, bfloat16_is_faster, choose_kernel
+from common.native.library import Instructions, NativeUnavailableError
 from common.network import QNetwork
 from common.run.config import LearningConfig
 
-_WIDE = dict.fromkeys(_NEEDS["float32"], True)
-_ALL = dict.fromkeys(_NEEDS["bfloat16"], True)
+_AVX2, _AVX512, _BF16 = (
+    dict.fromkeys(NEEDS[each], True) for each in ("avx2", "avx512", "avx512_bf16")
+)
+_AMX = _BF16 | {"amx_bf16": True}
 
 
 @pytest.fixture
@@ -23,80 +25,85 @@ def calls(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 
 
 @pytest.mark.parametrize(
-    ("has", "numbers", "kernel", "used"),
+    ("has", "bfloat16", "kernel", "used"),
     [
-        (_ALL, "bfloat16", "auto", True),
-        (_ALL, "bfloat16", "native", True),
-        (_ALL, "bfloat16", "torch", False),
-        (_ALL | {"amx_bf16": True}, "bfloat16", "auto", False),
-        (_ALL | {"amx_bf16": True}, "bfloat16", "native", True),
-        (_ALL | {"amx_bf16": True}, "float32", "auto", True),
-        (_WIDE, "float32", "auto", True),
-        (_WIDE, "float32", "native", True),
-        (_WIDE, "float32", "torch", False),
-        (_WIDE, "bfloat16", "auto", False),
-        ({"avx512_f": True}, "float32", "auto", False),
-        ({"avx2": True}, "float32", "auto", False),
+        (_BF16, True, "auto", "avx512_bf16"),
+        (_BF16, True, "native", "avx512_bf16"),
+        (_BF16, True, "torch", None),
+        (_BF16, False, "auto", "avx512"),
+        (_AMX, True, "auto", None),
+        (_AMX, True, "native", "avx512_bf16"),
+        (_AMX, False, "auto", "avx512"),
+        (_AVX512, False, "auto", "avx512"),
+        (_AVX512, False, "native", "avx512"),
+        (_AVX512, False, "torch", None),
+        (_AVX512, True, "auto", None),
+        (_AVX2 | {"avx512_f": True}, False, "auto", "avx2"),
+        (_AVX2, False, "native", "avx2"),
+        (_AVX2, True, "auto", None),
+        ({"avx2": True}, False, "auto", None),
+        ({"neon": True}, False, "auto", None),
     ],
 )
 def test_auto_takes_it_where_it_is_faster(
     has: dict[str, bool],
-    numbers: Numbers,
+    bfloat16: bool,
     kernel: KernelChoice,
-    used: bool,
+    used: Instructions | None,
     calls: list[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(torch.cpu, "get_capabilities", lambda: has)
-    assert choose_kernel(kernel, numbers) is used
-    assert calls == [numbers] * used  # nothing is compiled in vain
+    assert choose_kernel(kernel, bfloat16=bfloat16) == used
+    assert calls == ([used] if used else [])  # nothing is compiled in vain
 
 
 @pytest.mark.parametrize(
-    ("cpu", "numbers"),
+    ("cpu", "faster"),
     [
-        (_ALL | {"cpu_name": "AMD EPYC"}, "bfloat16"),
-        (_ALL, "bfloat16"),
-        (_ALL | {"cpu_name": "Intel Xeon"}, "float32"),
-        (_WIDE | {"cpu_name": "AMD EPYC"}, "float32"),
-        ({}, "float32"),
+        (_BF16 | {"cpu_name": "AMD EPYC"}, True),
+        (_BF16, True),
+        (_BF16 | {"cpu_name": "Intel Xeon"}, False),
+        (_AVX512 | {"cpu_name": "AMD EPYC"}, False),
+        ({}, False),
     ],
 )
 def test_bfloat16_is_faster_where_its_instruction_is(
-    cpu: dict[str, object], numbers: Numbers, monkeypatch: pytest.MonkeyPatch
+    cpu: dict[str, object], faster: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(torch.cpu, "get_capabilities", lambda: cpu)
-    assert fastest_numbers() == numbers
+    assert bfloat16_is_faster() is faster
 
 
 def test_other_networks_are_pytorchs(calls: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(torch.cpu, "get_capabilities", lambda: _ALL)
+    monkeypatch.setattr(torch.cpu, "get_capabilities", lambda: _BF16)
     small = QNetwork(6, learning=LearningConfig(network="nips"))
-    assert not choose_kernel("auto", "float32", small)
+    assert choose_kernel("auto", bfloat16=True, network=small) is None
     with pytest.raises(InputError, match=r"for --learning\.network nature with four frames"):
-        choose_kernel("native", "float32", small)
+        choose_kernel("native", bfloat16=True, network=small)
     assert calls == []
-    assert choose_kernel("auto", "float32", QNetwork(6))
+    assert choose_kernel("auto", bfloat16=True, network=QNetwork(6))
 
 
-def test_a_processor_that_cannot_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(torch.cpu, "get_capabilities", lambda: {"avx2": True})
-    with pytest.raises(InputError, match="no AVX-512: omit --kernel native"):
-        choose_kernel("native", "float32")
-    with pytest.raises(InputError, match="no AVX-512 bf16: omit --kernel native"):
-        choose_kernel("native", "bfloat16")
+@pytest.mark.parametrize(("bfloat16", "lacks"), [(True, "AVX-512 bf16"), (False, "AVX2")])
+def test_a_processor_that_cannot_is_told(
+    bfloat16: bool, lacks: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(torch.cpu, "get_capabilities", lambda: {"avx": True})
+    with pytest.raises(InputError, match=f"no {lacks}: omit --kernel native"):
+        choose_kernel("native", bfloat16=bfloat16)
 
 
 def test_without_a_compiler_auto_warns_and_goes_on(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def missing(numbers: Numbers) -> None:
+    def missing(instructions: Instructions) -> None:
         raise NativeUnavailableError("there is no C++ compiler here: install g++ or clang")
 
-    monkeypatch.setattr(torch.cpu, "get_capabilities", lambda: _ALL)
+    monkeypatch.setattr(torch.cpu, "get_capabilities", lambda: _BF16)
     monkeypatch.setattr(module, "library", missing)
-    assert not choose_kernel("auto", "bfloat16")
+    assert choose_kernel("auto", bfloat16=True) is None
     assert "warning: " in (told := capsys.readouterr().err)
     assert "install g++ or clang" in told
     with pytest.raises(InputError, match="is not available: there is no C"):
-        choose_kernel("native", "bfloat16")
+        choose_kernel("native", bfloat16=True)

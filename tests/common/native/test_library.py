@@ -10,7 +10,7 @@ from typing import get_args
 import pytest
 
 from common.native import library as module
-from common.native.library import NativeUnavailableError, Numbers, library
+from common.native.library import Instructions, NativeUnavailableError, library
 
 _COMPILER = """#!/bin/sh
 echo "$@" >> "$(dirname "$0")/calls"
@@ -39,7 +39,7 @@ def builds(compiler: Path) -> int:
 
 def test_the_file_is_compiled_once_and_is_the_users_own(compiler: Path) -> None:
     compiler.with_name("made").write_text("code")
-    first, second = module._compiled("bfloat16"), module._compiled("bfloat16")
+    first, second = module._compiled("avx512_bf16"), module._compiled("avx512_bf16")
     assert first == second
     assert first.read_text() == "code"
     assert builds(compiler) == 1
@@ -47,17 +47,17 @@ def test_the_file_is_compiled_once_and_is_the_users_own(compiler: Path) -> None:
     assert [each.name for each in first.parent.iterdir()] == [first.name]
 
 
-def test_other_numbers_another_source_or_compiler_is_compiled_anew(
+def test_other_instructions_another_source_or_compiler_is_compiled_anew(
     compiler: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     compiler.with_name("made").write_text("code")
-    paths = {module._compiled("bfloat16")}
+    paths = {module._compiled("avx512_bf16")}
     changed = tmp_path / "trunk.cpp"
     changed.write_text("another")
     monkeypatch.setattr(module, "_SOURCE", changed)
-    paths.add(module._compiled("bfloat16"))
+    paths.add(module._compiled("avx512_bf16"))
     compiler.write_text(_COMPILER.replace("1.0", "2.0"))
-    paths |= {module._compiled("bfloat16"), module._compiled("float32")}
+    paths |= {module._compiled("avx512_bf16"), module._compiled("avx2")}
     assert len(paths) == builds(compiler) == 4
 
 
@@ -69,20 +69,20 @@ def test_a_shipped_file_needs_no_compiler(
     source.parent.mkdir()
     source.write_text("source")
     monkeypatch.setattr(module, "_SOURCE", source)
-    shipped = source.with_name(module._name("bfloat16"))
-    module._compile(module._compiler(), "bfloat16", shipped)
+    shipped = source.with_name(module._name("avx512_bf16"))
+    module._compile(module._compiler(), "avx512_bf16", shipped)
     monkeypatch.setenv("CXX", "/nowhere/compiler")
-    assert module._compiled("bfloat16") == shipped
+    assert module._compiled("avx512_bf16") == shipped
     source.write_text("changed")  # the former file is not that of this source
     with pytest.raises(NativeUnavailableError, match="cannot run"):
-        module._compiled("bfloat16")
+        module._compiled("avx512_bf16")
 
 
 def test_an_error_of_the_compiler_is_told_and_leaves_nothing(
     compiler: Path, tmp_path: Path
 ) -> None:
     with pytest.raises(NativeUnavailableError, match="cannot compile it: it does not compile"):
-        library("bfloat16")
+        library("avx512_bf16")
     assert list((tmp_path / "caches" / "ale-robot").iterdir()) == []
 
 
@@ -93,7 +93,7 @@ def test_without_a_compiler_it_is_told_what_to_install(
     monkeypatch.setenv("PATH", str(tmp_path))
     library.cache_clear()
     with pytest.raises(NativeUnavailableError, match=r"install g\+\+ or clang"):
-        library("bfloat16")
+        library("avx512_bf16")
 
 
 def test_a_compiler_that_is_not_there_is_told(
@@ -101,26 +101,26 @@ def test_a_compiler_that_is_not_there_is_told(
 ) -> None:
     monkeypatch.setenv("CXX", "/nowhere/compiler")
     with pytest.raises(NativeUnavailableError, match=r"cannot run: .*nowhere"):
-        library("bfloat16")
+        library("avx512_bf16")
 
 
 @pytest.mark.parametrize("which", ["file", "folder"])
 @pytest.mark.parametrize("mode", [0o720, 0o702])
 def test_code_that_others_may_write_is_not_run(compiler: Path, which: str, mode: int) -> None:
     compiler.with_name("made").write_text("code")
-    path = module._compiled("bfloat16")
+    path = module._compiled("avx512_bf16")
     (path if which == "file" else path.parent).chmod(mode)
     with pytest.raises(NativeUnavailableError, match="is not yours alone to write"):
-        library("bfloat16")
+        library("avx512_bf16")
 
 
 def test_code_of_another_user_is_not_run(compiler: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     compiler.with_name("made").write_text("code")
-    module._compiled("bfloat16")
+    module._compiled("avx512_bf16")
     other = os.geteuid() + 1
     monkeypatch.setattr(os, "geteuid", lambda: other)
     with pytest.raises(NativeUnavailableError, match="is not yours alone to write"):
-        library("bfloat16")
+        library("avx512_bf16")
 
 
 @pytest.mark.parametrize("mask", [0o002, 0o077])
@@ -130,7 +130,7 @@ def test_the_umask_does_not_decide_who_may_write_it(compiler: Path, mask: int) -
     made.chmod(0o775)
     before = os.umask(mask)
     try:
-        assert module._compiled("bfloat16").stat().st_mode & 0o777 == 0o755
+        assert module._compiled("avx512_bf16").stat().st_mode & 0o777 == 0o755
     finally:
         os.umask(before)
 
@@ -138,7 +138,7 @@ def test_the_umask_does_not_decide_who_may_write_it(compiler: Path, mask: int) -
 def test_a_compiler_may_have_arguments(compiler: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     compiler.with_name("made").write_text("code")
     monkeypatch.setenv("CXX", f"env {compiler}")
-    assert module._compiled("bfloat16").read_text() == "code"
+    assert module._compiled("avx512_bf16").read_text() == "code"
 
 
 @pytest.mark.parametrize("caches", ["", "relative"])
@@ -148,7 +148,7 @@ def test_without_a_folder_for_caches_it_is_in_the_users_own(
     compiler.with_name("made").write_text("code")
     monkeypatch.setenv("XDG_CACHE_HOME", caches)
     monkeypatch.setenv("HOME", str(tmp_path / "home"))
-    assert module._compiled("bfloat16").parent == tmp_path / "home" / ".cache" / "ale-robot"
+    assert module._compiled("avx512_bf16").parent == tmp_path / "home" / ".cache" / "ale-robot"
 
 
 def test_a_home_that_cannot_be_written_is_told(
@@ -157,23 +157,23 @@ def test_a_home_that_cannot_be_written_is_told(
     (tmp_path / "file").touch()
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
     with pytest.raises(NativeUnavailableError, match="Not a directory"):
-        library("bfloat16")
+        library("avx512_bf16")
 
 
 @pytest.mark.skipif(
     platform.machine() != "x86_64" or not any(map(shutil.which, module._COMPILERS)),
     reason="needs a C++ compiler for x86-64",
 )
-@pytest.mark.parametrize("numbers", get_args(Numbers))
-def test_the_source_compiles(numbers: Numbers, tmp_path: Path) -> None:
+@pytest.mark.parametrize("instructions", get_args(Instructions))
+def test_the_source_compiles(instructions: Instructions, tmp_path: Path) -> None:
     """Also where the processor cannot run it."""
-    module._compile(module._compiler(), numbers, tmp_path / "trunk.so")
+    module._compile(module._compiler(), instructions, tmp_path / "trunk.so")
     assert (tmp_path / "trunk.so").stat().st_size > 10_000
 
 
 def test_a_file_that_is_no_library_is_made_anew_once_and_told(compiler: Path) -> None:
     compiler.with_name("made").write_text("code")
-    module._compiled("bfloat16")
+    module._compiled("avx512_bf16")
     with pytest.raises(NativeUnavailableError, match=r"trunk-.*: "):
-        library("bfloat16")
+        library("avx512_bf16")
     assert builds(compiler) == 2

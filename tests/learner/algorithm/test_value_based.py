@@ -20,10 +20,10 @@ from tests.native import needs_native
 
 CPU = Device(torch.device("cpu"), bfloat16=False)
 CPU_BFLOAT16 = Device(torch.device("cpu"), bfloat16=True)
-CPU_NATIVE = replace(CPU_BFLOAT16, native=True)
+CPU_NATIVE = replace(CPU_BFLOAT16, native="avx512_bf16")
 NATIVE = [
-    pytest.param(CPU_NATIVE, marks=needs_native("bfloat16")),
-    pytest.param(replace(CPU, native=True), marks=needs_native("float32")),
+    pytest.param(CPU_NATIVE, marks=needs_native("avx512_bf16")),
+    pytest.param(replace(CPU, native="avx2"), marks=needs_native("avx2")),
 ]
 
 
@@ -167,7 +167,7 @@ def test_what_was_prepared_with_an_older_target_is_prepared_again(device: Device
     # bfloat16 has 8 bits: 0.4 %. The kernel rounds elsewhere: sums, for example, not at all.
     [
         (CPU_BFLOAT16, 0.01),
-        pytest.param(CPU_NATIVE, 0.05, marks=needs_native("bfloat16")),
+        pytest.param(CPU_NATIVE, 0.05, marks=needs_native("avx512_bf16")),
     ],
 )
 def test_bfloat16_is_what_autocast_computes(device: Device, tolerance: float) -> None:
