@@ -38,6 +38,7 @@ class Evaluator:
         self._member = member
         self._env = env
         self._policy = policy
+        self._policy.epsilon = member.config.protocol.test_epsilon  # until a job has its own
         self._counters = ActorCounters(member.name, "evaluator", member.incarnation)
         self._jobs = member.transport.requester(member.keys.job(member.name), _TIMEOUT)
         self._reports = member.transport.requester(member.keys.report(member.name), _TIMEOUT)

@@ -15,6 +15,7 @@ from actors.envs.game_env import GameEnv
 from actors.envs.observation import Observation, frames_and_vector
 from actors.policy import Policy
 from common.errors import InputError
+from common.protocol.step_fields import FRAME_SHAPE
 from common.run.clock import ClockConfig
 from common.run.conditions import CameraConfig, PlayConfig
 from common.run.config import MAX_SEED, RunConfig
@@ -67,17 +68,25 @@ class TrainedPolicy:
         return env
 
     def act(self, observation: Observation) -> int:
-        """Returns the index of an action, for an observation of `make_env`."""
+        """Returns the index of an action, for an observation of `make_env`. Raises InputError if it
+        is another environment's."""
         return int(self._policy.act(*self._batch(observation))[0])
 
     def q_values(self, observation: Observation) -> NDArray[np.float32]:
-        """Returns the value of each action, ``float32 [actions]``."""
+        """Returns the value of each action, ``float32 [actions]``. Raises InputError as `act`."""
         values: NDArray[np.float32] = self._policy.q_values(*self._batch(observation))[0]
         return values
 
-    @staticmethod
-    def _batch(observation: Observation) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
-        frames, vector = frames_and_vector(observation)
+    def _batch(self, observation: Observation) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+        frames, vector = map(np.asarray, frames_and_vector(observation))
+        found = frames.dtype, frames.shape, vector.shape
+        stack = (self.config.play.frame_stack, *FRAME_SHAPE)
+        if found != (np.uint8, stack, (self.config.vector_width,)):
+            raise InputError(
+                f"the policy takes frames of uint8 {stack} and a vector of "
+                f"{self.config.vector_width} numbers, and got {found[0]} {found[1]} and "
+                f"{found[2]}: give it the whole observation of its own make_env()."
+            )
         return frames[None], vector[None]
 
 

@@ -59,6 +59,21 @@ def test_a_shipped_policy_plays_in_its_own_environment() -> None:
     assert all(ale_robot.load_policy("ale_pong", epsilon=1.0).act(observation) < 6 for _ in "ab")
 
 
+@pytest.mark.parametrize(
+    "observation",
+    [
+        np.zeros((4, 84, 84), np.uint8),
+        {"frames": np.zeros((84, 84, 4), np.uint8), "vector": np.zeros(144, np.float32)},
+        {"frames": np.zeros((4, 84, 84), np.float32), "vector": np.zeros(144, np.float32)},
+        {"frames": np.zeros((4, 84, 84), np.uint8), "vector": np.zeros(3, np.float32)},
+    ],
+)
+def test_an_observation_of_another_environment_is_refused(observation: Any) -> None:
+    policy = ale_robot.load_policy("robot_pong")
+    with pytest.raises(InputError, match=r"^the policy takes frames of uint8 \(4, 84, 84\) and a"):
+        policy.act(observation)
+
+
 def test_a_policy_plays_and_is_evaluated_under_other_conditions() -> None:
     policy = ale_robot.load_policy("ale_pong")
     usual, noisy = policy.make_env(), policy.make_env(camera=CameraConfig(noise=60.0))
