@@ -9,7 +9,7 @@ from annotated_types import Ge, Le, Lt
 
 from common.checked import Patience
 from common.errors import InputError
-from common.native.kernel import KernelChoice
+from common.native.kernel import KernelChoice, PrecisionChoice
 from common.pinned_file import path_of
 from common.run.clock import ClockConfig
 from common.run.config import MAX_ENVS, MAX_SEED, RunConfig
@@ -40,9 +40,12 @@ class ActorOptions:
     """Robot that the run must have; no other run is joined."""
     envs: Annotated[int, Ge(1), Le(MAX_ENVS)] = 1
     """Number of environments in this process, played with one forward pass."""
+    precision: PrecisionChoice = "auto"
+    """Precision of the native kernel; 'auto' takes bfloat16 if the processor multiplies it faster.
+    PyTorch computes in float32."""
     kernel: KernelChoice = "auto"
-    """Code of the network: 'torch', or 'native', which g++ or clang compiles here once, and which
-    computes in float32 or bfloat16; 'auto' takes what is faster. Evaluators compute by 'torch'."""
+    """Code of the network: 'torch', or 'native', which g++ or clang compiles here once; 'auto'
+    takes what is faster. Evaluators compute by 'torch'."""
     evaluator: bool = False
     """Role of an evaluator: play the learner's evaluation jobs instead of training."""
     name: str | None = None
@@ -61,7 +64,7 @@ class ActorOptions:
         if self.evaluator and self.envs != 1:
             raise InputError("an evaluator plays one game at a time: omit --envs.")
         if self.evaluator and self.kernel == "native":
-            raise InputError("an evaluator computes in float32: omit --kernel native.")
+            raise InputError("an evaluator computes by PyTorch: omit --kernel native.")
 
     def check_against(self, config: RunConfig) -> None:
         """Refuses a run that plays something other than these options ask for."""

@@ -19,7 +19,7 @@ from actors.options import ActorOptions
 from actors.policy import Policy
 from common.errors import InputError
 from common.native.kernel import bfloat16_is_faster, choose_kernel
-from common.native.library import Instructions
+from common.native.library import InstructionSet
 from common.native.network import NativeQNetwork
 from common.network import QNetwork, build_network
 from common.process.allocator import keep_large_blocks
@@ -42,7 +42,7 @@ def join(options: ActorOptions) -> None:
     """
     name = _name_of(options)
     # Now, for it may have to be compiled, before anybody waits for this actor.
-    if not options.evaluator and not _instructions(options):
+    if not options.evaluator and not _instruction_set(options):
         options = replace(options, kernel="torch")
     stop = threading.Event()
     on_signals(stop)
@@ -111,14 +111,18 @@ def network_of(config: RunConfig, actions: int, options: ActorOptions) -> QNetwo
     """Returns the run's network with its initial weights, as this process computes it. Raises
     InputError as `choose_kernel` does."""
     network = build_network(config, actions)
-    instructions = None if options.evaluator else _instructions(options, network)
-    return NativeQNetwork(network, instructions) if instructions else network
+    instruction_set = None if options.evaluator else _instruction_set(options, network)
+    return NativeQNetwork(network, instruction_set) if instruction_set else network
 
 
-def _instructions(options: ActorOptions, network: QNetwork | None = None) -> Instructions | None:
-    """Returns what the compiled code is to compute ``network`` by. Raises InputError as
-    `choose_kernel` does."""
-    return choose_kernel(options.kernel, bfloat16=bfloat16_is_faster(), network=network)
+def _instruction_set(
+    options: ActorOptions, network: QNetwork | None = None
+) -> InstructionSet | None:
+    """Returns that of the compiled code for ``network``. Raises InputError as `choose_kernel`
+    does."""
+    chosen = options.precision
+    bfloat16 = bfloat16_is_faster() if chosen == "auto" else chosen == "bfloat16"
+    return choose_kernel(options.kernel, bfloat16=bfloat16, network=network)
 
 
 def _name_of(options: ActorOptions) -> str:

@@ -12,7 +12,7 @@ from rich.console import Console
 
 from actors.envs import make_env
 from actors.envs.game_env import GameEnv
-from actors.envs.observation import Observation, frames_and_vector
+from actors.envs.observation import NO_VECTOR, Observation
 from actors.policy import Policy
 from common.errors import InputError
 from common.protocol.step_fields import FRAME_SHAPE
@@ -78,10 +78,12 @@ class TrainedPolicy:
         return values
 
     def _batch(self, observation: Observation) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
-        frames, vector = map(np.asarray, frames_and_vector(observation))
-        found = frames.dtype, frames.shape, vector.shape
+        told: dict[str, Any]
+        told = {**observation} if isinstance(observation, dict) else {"frames": observation}
+        frames, vector = (np.asarray(told.get(part, NO_VECTOR)) for part in ("frames", "vector"))
+        found = str(frames.dtype), frames.shape, vector.shape
         stack = (self.config.play.frame_stack, *FRAME_SHAPE)
-        if found != (np.uint8, stack, (self.config.vector_width,)):
+        if found != ("uint8", stack, (self.config.vector_width,)):
             raise InputError(
                 f"the policy takes frames of uint8 {stack} and a vector of "
                 f"{self.config.vector_width} numbers, and got {found[0]} {found[1]} and "

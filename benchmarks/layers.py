@@ -15,7 +15,7 @@ import torch
 from torch import Tensor, nn
 
 from benchmarks.pace import in_turns
-from common.native.library import Instructions
+from common.native.library import InstructionSet
 from common.native.network import NativeQNetwork
 from common.network import QNetwork
 from common.protocol.step_fields import FRAME_SHAPE
@@ -90,11 +90,11 @@ def time_layers(layers: Sequence[Layer], turns: int) -> list[dict[str, Any]]:
 
 
 def time_native(
-    network: QNetwork, instructions: Instructions, batch_size: int, turns: int
+    network: QNetwork, instruction_set: InstructionSet, batch_size: int, turns: int
 ) -> list[dict[str, Any]]:
     """Returns a row for each part of `NativeQNetwork`, alone, with its multiplications in an
     update: none where it only arranges."""
-    native = NativeQNetwork(network, instructions)
+    native = NativeQNetwork(network, instruction_set)
     frames = torch.randint(0, 256, (batch_size, 4, *FRAME_SHAPE), dtype=torch.uint8)
     pixels, vectors = native.as_pixels(frames), torch.zeros(batch_size, 0)
     known = (native.hidden, *native.convolutions)

@@ -29,7 +29,7 @@ from benchmarks.random_play import random_play
 from benchmarks.replay import draw
 from benchmarks.report import BenchmarkOptions, Report, Table, main
 from common.checked import FromOne
-from common.native.kernel import instructions_here
+from common.native.kernel import instruction_sets
 from common.network import build_network
 from common.process.allocator import keep_large_blocks
 from common.run.config import RunConfig
@@ -68,7 +68,7 @@ class Options(BenchmarkOptions):
     turn: FromOne = 5
     """Updates per turn."""
     compared: Annotated[int, Ge(0)] = 1_000
-    """Number of updates for comparing bfloat16 with float32; 0 for no comparison."""
+    """Number of updates for comparing the losses of all kinds of arithmetic; 0 for none."""
     preset: bool = False
     """The fast preset's QR-DQN of frame differences, with layer normalisation, instead of a Double
     DQN of plain frames, which other libraries have too."""
@@ -89,7 +89,7 @@ def precisions_of(chosen: Device) -> dict[str, Device]:
         "float32": Device(chosen.torch, bfloat16=False),
         "bfloat16": Device(chosen.torch, bfloat16=True),
     }
-    for each in instructions_here() if chosen.native else ():
+    for each in instruction_sets() if chosen.torch.type == "cpu" else ():
         bfloat16 = each == "avx512_bf16"
         devices[f"native, {each}"] = Device(chosen.torch, bfloat16, native=each)
     return devices
@@ -206,7 +206,9 @@ def measure(options: Options) -> Report:
     if chosen.native:
         tables["native"] = Table(
             f"Parts of the native kernel in {chosen.precision}, each alone, on one thread",
-            time_native(network, chosen.native, options.batch_size, updates),
+            time_native(
+                build_network(options.config, _ACTIONS), chosen.native, options.batch_size, updates
+            ),
         )
     if options.compared:
         precisions = "Against float32 by PyTorch, the same minibatches of real frames"

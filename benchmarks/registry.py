@@ -21,7 +21,7 @@ class Benchmark:
 
 BENCHMARKS = {
     "learner_updates": Benchmark(
-        "one Double DQN update: by threads and precision, by kind of work, bfloat16's exactness",
+        "one Double DQN update: by threads and precision, by kind of work, exactness",
         {
             "learner_updates": "",
             "learner_updates_128": "--batch-size 128 --compared 0 --rounds 12 --preset",

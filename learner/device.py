@@ -6,8 +6,13 @@ from typing import TYPE_CHECKING, Literal
 
 from common.errors import InputError
 from common.metrics import Value
-from common.native.kernel import KernelChoice, bfloat16_is_faster, choose_kernel
-from common.native.library import Instructions
+from common.native.kernel import (
+    KernelChoice,
+    PrecisionChoice,
+    bfloat16_is_faster,
+    choose_kernel,
+)
+from common.native.library import InstructionSet
 from common.process.log_lines import say_aside
 
 if TYPE_CHECKING:  # a command line is parsed without PyTorch
@@ -16,7 +21,6 @@ if TYPE_CHECKING:  # a command line is parsed without PyTorch
     from common.network import QNetwork
 
 DeviceChoice = Literal["auto", "cpu", "cuda"]
-PrecisionChoice = Literal["auto", "float32", "bfloat16"]
 
 
 @dataclass(frozen=True)
@@ -28,8 +32,9 @@ class Device:
     """Whether an update computes its layers in bfloat16."""
     graphs: bool = False
     """Whether an update is recorded as a CUDA graph, see `learner.algorithm.cuda_graph`."""
-    native: Instructions | None = None
-    """What `common.native` computes by what it can of an update; None for PyTorch alone."""
+    native: InstructionSet | None = None
+    """Instruction set by which `common.native` computes what it can of an update; None for PyTorch
+    alone."""
 
     @property
     def precision(self) -> str:

@@ -2,7 +2,6 @@
 
 from functools import partial
 
-from common.native.kernel import bfloat16_is_faster
 from common.process.supervisor import Child, Supervisor
 from common.run.folder import RunFolder
 from learner.options import LearnerOptions, local_names
@@ -15,9 +14,8 @@ def launch(options: LearnerOptions, endpoint: str, folder: RunFolder) -> Supervi
     their deadlines do not wait.
     """
     actors, evaluators = local_names(options)
-    rounded = options.precision == "float32" and bfloat16_is_faster()
-    kernel = "torch" if rounded else options.kernel
-    playing = ["--envs", str(options.envs), "--kernel", kernel]
+    playing = ["--envs", str(options.envs), "--precision", options.precision]
+    playing += ["--kernel", options.kernel]
     roles = dict.fromkeys(actors, playing)
     roles |= {name: ["--evaluator"] for name in evaluators}
     common = ["--connect", endpoint, "--run", folder.name, *options.clock.flags()]

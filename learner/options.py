@@ -16,7 +16,7 @@ from pydantic import AllowInfNan
 from common.checked import Amount, Count, Patience
 from common.errors import InputError
 from common.metrics import Value
-from common.native.kernel import KernelChoice
+from common.native.kernel import KernelChoice, PrecisionChoice
 from common.process.command_line import RunOptions, started_by, without_flags
 from common.process.extras import check_extra
 from common.process.http_endpoints import check_address
@@ -31,7 +31,7 @@ from common.run.ranges import NOTHING_DRAWN
 from common.transport.access_control import MAX_SESSIONS
 from common.transport.credentials import check_certificates
 from common.transport.endpoint import DEFAULT_ENDPOINT, check_endpoint, from_here
-from learner.device import DeviceChoice, PrecisionChoice
+from learner.device import DeviceChoice
 from learner.evaluation.options import EvaluationOptions
 from learner.telemetry.sinks.tracker import TRACKERS
 
@@ -75,8 +75,9 @@ class LearnerOptions(RunOptions):
     device: DeviceChoice = "auto"
     """Hardware of the learner; 'auto' takes CUDA if it is available."""
     precision: PrecisionChoice = "auto"
-    """Precision of the updates; 'auto' takes bfloat16 if the hardware multiplies it faster. Where
-    it is only emulated, bfloat16 is far slower than float32."""
+    """Precision of the updates, and of local mode's actors by the native kernel; 'auto' takes
+    bfloat16 if the hardware multiplies it faster. Where it is only emulated, bfloat16 is far slower
+    than float32."""
     kernel: KernelChoice = "auto"
     """Code of an update on a CPU, and of local mode's actors: 'torch', or 'native', which g++ or
     clang compiles here once; 'auto' takes what is faster."""

@@ -6,12 +6,12 @@ import pytest
 import torch
 
 from common.native.kernel import NEEDS, bfloat16_is_faster
-from common.native.library import Instructions, NativeUnavailableError, _compiler
+from common.native.library import InstructionSet, NativeUnavailableError, _compiler
 
 
-def _missing(instructions: Instructions) -> str:
+def _missing(instruction_set: InstructionSet) -> str:
     cpu = torch.cpu.get_capabilities()
-    if lacks := [each for each in NEEDS[instructions] if not cpu.get(each)]:
+    if lacks := [each for each in NEEDS[instruction_set] if not cpu.get(each)]:
         return f"this processor has no {lacks[0]}"
     try:
         _compiler()
@@ -20,10 +20,12 @@ def _missing(instructions: Instructions) -> str:
     return ""  # a source that does not compile then fails the tests
 
 
-def needs_native(instructions: Instructions) -> pytest.MarkDecorator:
-    missing = _missing(instructions)
+def needs_native(instruction_set: InstructionSet) -> pytest.MarkDecorator:
+    missing = _missing(instruction_set)
     return pytest.mark.skipif(bool(missing), reason=missing)
 
 
 NEEDS_NATIVE = needs_native("avx512_bf16" if bfloat16_is_faster() else "avx2")
-ALL_INSTRUCTIONS = [pytest.param(each, marks=needs_native(each)) for each in get_args(Instructions)]
+INSTRUCTION_SETS = [
+    pytest.param(each, marks=needs_native(each)) for each in get_args(InstructionSet)
+]

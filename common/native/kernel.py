@@ -3,7 +3,7 @@
 from typing import TYPE_CHECKING, Literal
 
 from common.errors import InputError
-from common.native.library import Instructions, NativeUnavailableError, library
+from common.native.library import InstructionSet, NativeUnavailableError, library
 from common.process.log_lines import say_aside
 
 if TYPE_CHECKING:
@@ -12,18 +12,19 @@ if TYPE_CHECKING:
 # PyTorch is imported only where it is asked, so that help and wrong flags are answered at once.
 
 KernelChoice = Literal["auto", "torch", "native"]
+PrecisionChoice = Literal["auto", "float32", "bfloat16"]
 _AVX2 = ("avx2", "bmi", "bmi2", "f16c", "fma3", "lzcnt")
 _AVX512 = (*_AVX2, "avx512_f", "avx512_bw", "avx512_cd", "avx512_dq", "avx512_vl")
-NEEDS: dict[Instructions, tuple[str, ...]] = {
+NEEDS: dict[InstructionSet, tuple[str, ...]] = {
     "avx512_bf16": (*_AVX512, "avx512_bf16"),
     "avx512": _AVX512,
     "avx2": _AVX2,
 }
-"""What a processor must have for each, as PyTorch names it; the faster ones come first."""
+"""What a processor must have for each, as PyTorch names it; those with wider vectors come first."""
 
 
-def instructions_here() -> list[Instructions]:
-    """Returns what this processor can, the faster ones first."""
+def instruction_sets() -> list[InstructionSet]:
+    """Returns what this processor can compute by, those with wider vectors first."""
     import torch
 
     cpu = torch.cpu.get_capabilities()
@@ -33,8 +34,9 @@ def instructions_here() -> list[Instructions]:
 def bfloat16_is_faster() -> bool:
     """Returns whether the compiled code multiplies bfloat16 faster than float32 here.
 
-    So do AMD's processors with AVX-512 bf16. Intel's take twice the time for that instruction that
-    they take for the two of float32 which it stands for (benchmarks/LOG.md).
+    So do all processors with AVX-512 bf16 but Intel's, which take twice the time for that
+    instruction that they take for the two of float32 which it stands for. PyTorch, too, computes
+    float32 faster on those without AMX (benchmarks/LOG.md).
     """
     import torch
 
@@ -45,8 +47,8 @@ def bfloat16_is_faster() -> bool:
 
 def choose_kernel(
     kernel: KernelChoice, *, bfloat16: bool, network: "QNetwork | None" = None
-) -> Instructions | None:
-    """Returns what the compiled code computes by, which is then there; or None, for PyTorch.
+) -> InstructionSet | None:
+    """Returns the instruction set of the compiled code, which is then there; or None, for PyTorch.
 
     'auto' takes it where it is faster: on any x86 processor with AVX2, but not for bfloat16 on one
     that multiplies tiles of it (AMX), for which PyTorch has good code. A warning tells if it cannot
@@ -67,16 +69,17 @@ def choose_kernel(
     if kernel == "torch":
         return None
     asked = kernel == "native"
-    able = (each for each in instructions_here() if (each == "avx512_bf16") == bfloat16)
+    able = (each for each in instruction_sets() if (each == "avx512_bf16") == bfloat16)
     found = next(able, None)
     fits = network is None or NativeQNetwork.fits(network)
     slower = bfloat16 and torch.cpu.get_capabilities().get("amx_bf16")
     if not asked and (found is None or not fits or slower):
         return None
     if found is None:
-        raise InputError(
-            f"this processor has no {'AVX-512 bf16' if bfloat16 else 'AVX2'}: omit --kernel native."
+        lacks, omit = (
+            ("AVX-512 bf16", "--precision bfloat16") if bfloat16 else ("AVX2", "--kernel native")
         )
+        raise InputError(f"this processor has no {lacks}: omit {omit}.")
     if not fits:
         raise InputError(
             "the native kernel is for --learning.network nature with four frames: omit --kernel "

@@ -18,9 +18,9 @@ from typing import Literal, get_args
 
 _SOURCE = Path(__file__).with_name("trunk.cpp")
 _FLAGS = ("-std=c++20", "-O3", "-ffp-contract=fast", "-shared", "-fPIC", "-pthread")
-Instructions = Literal["avx2", "avx512", "avx512_bf16"]
+InstructionSet = Literal["avx2", "avx512", "avx512_bf16"]
 """What a library computes by. The last one multiplies bfloat16, the others float32."""
-_FLAGS_OF: dict[Instructions, tuple[str, ...]] = {
+_FLAGS_OF: dict[InstructionSet, tuple[str, ...]] = {
     "avx2": ("-march=x86-64-v3",),
     "avx512": ("-march=x86-64-v4",),
     "avx512_bf16": ("-march=x86-64-v4", "-mavx512bf16", "-DBFLOAT16"),
@@ -47,15 +47,15 @@ class NativeUnavailableError(Exception):
 
 
 @cache
-def library(instructions: Instructions) -> CDLL:
-    """Returns the library for ``instructions``, and compiles it if this user never did so with this
-    compiler.
+def library(instruction_set: InstructionSet) -> CDLL:
+    """Returns the library for ``instruction_set``, and compiles it if this user never did so with
+    this compiler.
 
     Raises:
         NativeUnavailableError: there is no compiler, or it failed, or the file cannot be trusted.
     """
     try:
-        loaded = _loaded(instructions)
+        loaded = _loaded(instruction_set)
     except (OSError, RuntimeError) as error:  # such as a user without a home
         raise NativeUnavailableError(str(error)) from None
     for name, arguments in _ARGUMENTS.items():
@@ -65,36 +65,36 @@ def library(instructions: Instructions) -> CDLL:
     return loaded
 
 
-def _loaded(instructions: Instructions) -> CDLL:
+def _loaded(instruction_set: InstructionSet) -> CDLL:
     """Returns the compiled file as a library; one that a full disk has damaged is made anew. Raises
     OSError or NativeUnavailableError."""
-    path = _compiled(instructions)
+    path = _compiled(instruction_set)
     try:
         return CDLL(str(path))
     except OSError:
         if path.parent == _SOURCE.parent:
             raise
         path.unlink()
-        return CDLL(str(_compiled(instructions)))
+        return CDLL(str(_compiled(instruction_set)))
 
 
-def _compiled(instructions: Instructions) -> Path:
+def _compiled(instruction_set: InstructionSet) -> Path:
     """Returns the compiled file. Raises OSError or NativeUnavailableError."""
-    shipped = _SOURCE.with_name(_name(instructions))
+    shipped = _SOURCE.with_name(_name(instruction_set))
     if shipped.exists():
         return shipped
     compiler = _compiler()
-    path = _folder() / _name(instructions, _run([*compiler, "--version"]))
+    path = _folder() / _name(instruction_set, _run([*compiler, "--version"]))
     if not path.exists():
-        _compile(compiler, instructions, path)
+        _compile(compiler, instruction_set, path)
     _check_own(path)
     return path
 
 
-def _name(instructions: Instructions, compiler: str = "") -> str:
+def _name(instruction_set: InstructionSet, compiler: str = "") -> str:
     """Returns the name of what ``compiler``, by its version, makes of the present source."""
-    told = "\n".join((_SOURCE.read_text(), *_FLAGS, *_FLAGS_OF[instructions], compiler))
-    return f"trunk-{instructions}-{hashlib.sha256(told.encode()).hexdigest()[:16]}.so"
+    told = "\n".join((_SOURCE.read_text(), *_FLAGS, *_FLAGS_OF[instruction_set], compiler))
+    return f"trunk-{instruction_set}-{hashlib.sha256(told.encode()).hexdigest()[:16]}.so"
 
 
 def _compiler() -> list[str]:
@@ -105,11 +105,11 @@ def _compiler() -> list[str]:
     return shlex.split(compiler)
 
 
-def _compile(compiler: list[str], instructions: Instructions, path: Path) -> None:
+def _compile(compiler: list[str], instruction_set: InstructionSet, path: Path) -> None:
     """Makes the file at ``path``. Raises OSError or NativeUnavailableError."""
     with tempfile.TemporaryDirectory(dir=path.parent) as folder:
         made = Path(folder, path.name)
-        _run([*compiler, *_FLAGS, *_FLAGS_OF[instructions], str(_SOURCE), "-o", str(made)])
+        _run([*compiler, *_FLAGS, *_FLAGS_OF[instruction_set], str(_SOURCE), "-o", str(made)])
         made.chmod(0o755)  # whatever the umask: only the user may write it, and all may load it
         made.rename(path)  # at once, or another process would load half of it
 
@@ -148,5 +148,5 @@ def _run(command: list[str]) -> str:
 
 
 if __name__ == "__main__":
-    for _each in get_args(Instructions):
+    for _each in get_args(InstructionSet):
         _compile(_compiler(), _each, _SOURCE.with_name(_name(_each)))

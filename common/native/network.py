@@ -9,7 +9,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn.functional import linear
 
-from common.native.library import Instructions, library
+from common.native.library import InstructionSet, library
 from common.network import QNetwork
 
 _KERNELS = [((32, 4, 8, 8), (4, 4)), ((64, 32, 4, 4), (2, 2)), ((64, 64, 3, 3), (1, 1))]
@@ -41,12 +41,15 @@ class NativeQNetwork(QNetwork):
     ones.
     """
 
-    def __init__(self, master: QNetwork, instructions: Instructions) -> None:
-        """Raises NativeUnavailableError as `library` does."""
+    def __init__(self, master: QNetwork, instruction_set: InstructionSet) -> None:
+        """Raises NativeUnavailableError as `library` does, and ValueError for a ``master`` whose
+        weights the code cannot read: of other shapes, types or layouts."""
+        if not self.fits(master):
+            raise ValueError("not the layers that the native kernel is for")
         nn.Module.__init__(self)
         self.__dict__.update(vars(master))  # its layers themselves, no copies
-        self._library = library(instructions)
-        self.dtype = torch.bfloat16 if instructions == "avx512_bf16" else torch.float32
+        self._library = library(instruction_set)
+        self.dtype = torch.bfloat16 if instruction_set == "avx512_bf16" else torch.float32
         """Type of the pixels that it takes."""
         self._trunk = c_void_p(self._library.trunk_new())
         free = weakref.finalize(self, self._library.trunk_free, self._trunk)
@@ -54,6 +57,10 @@ class NativeQNetwork(QNetwork):
         layers: list[nn.Conv2d | nn.Linear] = [*_convolutions(master), master.hidden]
         self._weights: list[Tensor] = [layer.weight for layer in layers]
         self._biases = [layer.bias for layer in layers if layer.bias is not None]
+        for each in (*self._weights, *self._biases):
+            layout = torch.channels_last if each.dim() == 4 else torch.contiguous_format
+            if each.dtype != torch.float32 or not each.is_contiguous(memory_format=layout):
+                raise ValueError(f"weights of {each.dtype} or in another layout")
         # Kept for all updates: 6 MB of new memory for each would cost more than the arithmetic.
         self._gradients = [torch.zeros_like(p) for p in (*self._weights, *self._biases)]
         self._kept: _Kept | None = None

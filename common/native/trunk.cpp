@@ -57,7 +57,7 @@ constexpr int VECTOR = LANES * GROUP;        // numbers of a vector's groups
 constexpr int TILE = WIDE * LANES;           // sums side by side in most products
 
 constexpr int FRAMES = 4, SIDE = 84;
-constexpr int SOME = 16;                     // pixels that are converted together
+constexpr int SOME = 16;                     // pixels of a row that are placed together
 constexpr int BLOCK = 4;                     // the first layer's stride: pixels come in 4x4 blocks
 constexpr int S0 = SIDE / BLOCK;             // 21 blocks across
 constexpr int C0 = FRAMES * BLOCK * BLOCK;   // 64 pixels of a block, [frame][y][x]
@@ -82,6 +82,9 @@ inline Vector load_vector(const float* from) {
     return values;
 }
 
+// value - 0 is the value; with value + 0 the compiler would have to add, for the sake of -0.
+inline Vector all(float value) { return value - Vector{}; }
+
 inline void store_vector(float* to, Vector values) { std::memcpy(to, &values, sizeof values); }
 
 inline Vector load_pixels(const std::uint8_t* from) {
@@ -102,9 +105,9 @@ inline float sum_of(Vector values) {
 
 inline __m512bh load(const number* from) { return (__m512bh)_mm512_loadu_si512(from); }
 
-inline __m512bh repeat(const number* group) {
+inline __m512bh repeat(const number* single) {
     std::int32_t both;
-    std::memcpy(&both, group, sizeof both);
+    std::memcpy(&both, single, sizeof both);
     return (__m512bh)_mm512_set1_epi32(both);
 }
 
@@ -134,7 +137,7 @@ inline void group(const number* first, const number* last, number* to, int count
 
 inline Vector load(const number* from) { return load_vector(from); }
 
-inline Vector repeat(const number* group) { return *group - Vector{}; }
+inline Vector repeat(const number* single) { return all(*single); }
 
 inline Vector add_products(Vector sums, Vector a, Vector b) { return a * b + sums; }
 
@@ -149,9 +152,9 @@ inline void group(const number* first, const number*, number* to, int count) {
 
 #endif
 
-// Returns d where the activation is positive, else 0: the gradient before a ReLU.
+// Returns 0 where the activation is not positive, else d: the gradient before a ReLU.
 inline Vector before_relu(Vector d, const number* activation) {
-    return load_floats(activation) > Vector{} ? d : Vector{};
+    return load_floats(activation) <= Vector{} ? Vector{} : d;
 }
 
 // R rows of V vectors of sums, which the compiler keeps in registers.
@@ -248,8 +251,9 @@ struct Weights {
     alignas(64) number w1[C1 / TILE][K1 / GROUP][TILE][GROUP];  // [outputs][inputs][output][input]
     alignas(64) number w2[C2 / TILE][K2 / GROUP][TILE][GROUP];
     alignas(64) number w3[C3 / TILE][K3 / GROUP][TILE][GROUP];
-    alignas(64) number back2[C1 / TILE][16][C2 / GROUP][TILE][GROUP];  // [inputs][place of the kernel]
-    alignas(64) number back3[C2 / TILE][9][C3 / GROUP][TILE][GROUP];   // [outputs][input][output]
+    // [inputs][place of the kernel][outputs][input][output]
+    alignas(64) number back2[C1 / TILE][16][C2 / GROUP][TILE][GROUP];
+    alignas(64) number back3[C2 / TILE][9][C3 / GROUP][TILE][GROUP];
     alignas(64) number dense[HIDDEN][FEATURES];
     alignas(64) float b1[C1], b2[C2], b3[C3], b4[HIDDEN];
     float scale;  // of the first layer's weights
@@ -295,7 +299,7 @@ int mean_of(const std::uint8_t* pixels, int count) {
 inline void place_pixels(const std::uint8_t* now, const std::uint8_t* before, int grey, number* to) {
     number row[SOME];
     for (int i = 0; i < SOME; i += LANES) {
-        const Vector less = before ? load_pixels(before + i) : (float)grey - Vector{};
+        const Vector less = before ? load_pixels(before + i) : all((float)grey);
         store(row + i, load_pixels(now + i) - less);
     }
     for (int b = 0; b < SOME / BLOCK; b++)
@@ -361,11 +365,12 @@ template <int KERNEL, int STRIDE, int S_IN, int C, int S, int OUT>
 inline void add_weights(float* g, const number* first, const number* last, number* groups,
                         const number* d_groups) {
     constexpr int V = std::min(OUT / LANES, MOST), R = KEPT / V;
-    group(first, last, groups, S_IN * S_IN * C);
+    if (GROUP > 1) group(first, last, groups, S_IN * S_IN * C);
+    const number* all_inputs = GROUP > 1 ? groups : first;
     for (int k = 0; k < KERNEL * KERNEL * C; k += R)
         for (int n = 0; n < OUT; n += V * LANES) {
             const int y = k / C / KERNEL, x = k / C % KERNEL, c = k % C;
-            const number* inputs = groups + GROUP * ((y * S_IN + x) * C + c);
+            const number* inputs = all_inputs + GROUP * ((y * S_IN + x) * C + c);
             Sums<R, V> sums;
             sums.start_at(g + k * OUT + n, OUT);
             for (int row = 0; row < S; row++)
@@ -459,22 +464,22 @@ class Trunk {
         std::memcpy(w.b2, biases[1], sizeof w.b2);
         std::memcpy(w.b3, biases[2], sizeof w.b3);
         std::memcpy(w.b4, biases[3], sizeof w.b4);
-        std::vector<number> rounded(C3 * K3);
+        std::vector<number> rows(C3 * K3);
         for (int n = 0; n < C1; n++) {
             float row[K1];
             for (int k = 0; k < K1; k++) row[k] = weights[0][n * K1 + of_pixel(k)] * scale;
-            round_row(row, rounded.data() + n * K1, K1);
+            to_numbers(row, rows.data() + n * K1, K1);
         }
-        pack_forward<C1>(rounded.data(), w.w1);
-        round_row(weights[1], rounded.data(), C2 * K2);
-        pack_forward<C2>(rounded.data(), w.w2);
-        pack_back<C1>(rounded.data(), w.back2);
-        round_row(weights[2], rounded.data(), C3 * K3);
-        pack_forward<C3>(rounded.data(), w.w3);
-        pack_back<C2>(rounded.data(), w.back3);
-        Deal rows(HIDDEN);
+        pack_forward<C1>(rows.data(), w.w1);
+        to_numbers(weights[1], rows.data(), C2 * K2);
+        pack_forward<C2>(rows.data(), w.w2);
+        pack_back<C1>(rows.data(), w.back2);
+        to_numbers(weights[2], rows.data(), C3 * K3);
+        pack_forward<C3>(rows.data(), w.w3);
+        pack_back<C2>(rows.data(), w.back3);
+        Deal outputs(HIDDEN);
         in_threads(threads, [&](int) {
-            for (long n; rows.next(n);) round_row(weights[3] + n * stride, w.dense[n], FEATURES);
+            for (long n; outputs.next(n);) to_numbers(weights[3] + n * stride, w.dense[n], FEATURES);
         });
     }
 
@@ -515,7 +520,7 @@ class Trunk {
         std::memset(d_plain + states * HIDDEN, 0, (rows - states) * HIDDEN * sizeof(number));
         std::memset(biases[3], 0, HIDDEN * sizeof(float));
         for (long i = 0; i < states; i++) {
-            round_row(d + i * HIDDEN, d_plain + i * HIDDEN, HIDDEN);
+            to_numbers(d + i * HIDDEN, d_plain + i * HIDDEN, HIDDEN);
             for (int n = 0; n < HIDDEN; n++) biases[3][n] += d[i * HIDDEN + n];
         }
         for (long i = 0; i < groups * GROUP; i++)
@@ -650,7 +655,7 @@ class Trunk {
         first_layer(weights_, a0, a, s);
     }
 
-    static void round_row(const float* from, number* to, int count) {
+    static void to_numbers(const float* from, number* to, int count) {
         for (int i = 0; i < count; i += LANES) store(to + i, load_vector(from + i));
     }
 

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor, nn
 
-from common.native.library import Instructions
+from common.native.library import InstructionSet
 from common.native.network import NativeQNetwork
 from common.network import QNetwork
 from learner.device import Device
@@ -77,8 +77,8 @@ class Bfloat16Precision(Precision):
 class NativePrecision(Precision):
     """Computes the large layers by compiled code, see `NativeQNetwork`."""
 
-    def __init__(self, master: QNetwork, instructions: Instructions) -> None:
-        self._native = NativeQNetwork(master, instructions)
+    def __init__(self, master: QNetwork, instruction_set: InstructionSet) -> None:
+        self._native = NativeQNetwork(master, instruction_set)
         self.dtype = self._native.dtype
         super().__init__(self._native)
 

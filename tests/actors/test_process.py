@@ -8,11 +8,12 @@ from actors.options import ActorOptions
 from actors.policy import Policy
 from actors.process import network_of
 from common.errors import InputError
+from common.native.kernel import NEEDS, PrecisionChoice
 from common.native.network import NativeQNetwork
 from common.network import build_network
 from common.protocol.weights import encode_weights, load_weights
 from common.run.presets import PRESETS
-from tests.native import NEEDS_NATIVE
+from tests.native import NEEDS_NATIVE, needs_native
 
 pytestmark = NEEDS_NATIVE
 CONFIG = PRESETS["robot"]
@@ -33,8 +34,31 @@ def test_training_actors_alone_play_by_the_native_kernel(
     assert isinstance(network_of(CONFIG, 6, options), NativeQNetwork) is native
 
 
+@pytest.mark.parametrize(
+    ("cpu_name", "precision", "dtype"),
+    [
+        ("AMD EPYC", "auto", torch.bfloat16),
+        ("AMD EPYC", "float32", torch.float32),
+        ("Intel Xeon", "auto", torch.float32),
+        ("Intel Xeon", "bfloat16", torch.bfloat16),
+    ],
+)
+@needs_native("avx512_bf16")
+def test_it_plays_in_the_precision_that_is_faster_or_asked_for(
+    cpu_name: str,
+    precision: PrecisionChoice,
+    dtype: torch.dtype,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    has = dict.fromkeys(NEEDS["avx512_bf16"], True)
+    monkeypatch.setattr(torch.cpu, "get_capabilities", lambda: has | {"cpu_name": cpu_name})
+    network = network_of(CONFIG, 6, ActorOptions(precision=precision))
+    assert isinstance(network, NativeQNetwork)
+    assert network.dtype == dtype
+
+
 def test_an_evaluator_with_the_native_kernel_is_refused() -> None:
-    with pytest.raises(InputError, match="computes in float32: omit --kernel native"):
+    with pytest.raises(InputError, match="computes by PyTorch: omit --kernel native"):
         ActorOptions(evaluator=True, kernel="native").check()
 
 

@@ -63,6 +63,8 @@ def test_a_shipped_policy_plays_in_its_own_environment() -> None:
     "observation",
     [
         np.zeros((4, 84, 84), np.uint8),
+        {"frames": np.zeros((4, 84, 84), np.uint8)},
+        {},
         {"frames": np.zeros((84, 84, 4), np.uint8), "vector": np.zeros(144, np.float32)},
         {"frames": np.zeros((4, 84, 84), np.float32), "vector": np.zeros(144, np.float32)},
         {"frames": np.zeros((4, 84, 84), np.uint8), "vector": np.zeros(3, np.float32)},

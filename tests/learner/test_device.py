@@ -6,12 +6,12 @@ import torch
 
 from common.errors import InputError
 from common.metrics import METRICS
-from common.native.kernel import NEEDS
-from common.native.library import Instructions
+from common.native.kernel import NEEDS, PrecisionChoice
+from common.native.library import InstructionSet
 from common.network import QNetwork
 from common.run.config import LearningConfig
-from learner.device import Device, PrecisionChoice, choose_device
-from tests.native import ALL_INSTRUCTIONS
+from learner.device import Device, choose_device
+from tests.native import INSTRUCTION_SETS
 
 GPU = Device(torch.device("cuda"), bfloat16=True)
 
@@ -90,18 +90,21 @@ def test_the_native_kernel_is_for_a_cpu(monkeypatch: pytest.MonkeyPatch) -> None
     assert not choose_device("cuda", "bfloat16", "auto").native
 
 
-@pytest.mark.parametrize("instructions", ALL_INSTRUCTIONS)
+@pytest.mark.parametrize("instruction_set", INSTRUCTION_SETS)
 def test_the_native_kernel_is_taken_unless_another_is_asked_for(
-    instructions: Instructions, monkeypatch: pytest.MonkeyPatch
+    instruction_set: InstructionSet, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    cpu = dict.fromkeys(NEEDS[instructions], True)
+    cpu = dict.fromkeys(NEEDS[instruction_set], True)
     monkeypatch.setattr(torch.cpu, "get_capabilities", lambda: cpu)
     small = QNetwork(6, learning=LearningConfig(network="nips"))
-    assert choose_device("cpu", "auto").native == instructions
-    precision = "bfloat16" if instructions == "avx512_bf16" else "float32"
+    assert choose_device("cpu", "auto").native == instruction_set
+    precision = "bfloat16" if instruction_set == "avx512_bf16" else "float32"
     assert choose_device("cpu", "auto", network=QNetwork(6)).name == f"cpu ({precision}, native)"
     assert choose_device("cpu", "auto", "torch").native is None
     assert choose_device("cpu", "auto", network=small).native is None
+    float32 = choose_device("cpu", "float32", "native")  # on any of them
+    assert not float32.bfloat16
+    assert float32.native == ("avx2" if instruction_set == "avx2" else "avx512")
 
 
 def test_a_gpu_that_only_emulates_bfloat16_is_called_one(

@@ -34,7 +34,8 @@ def test_actors_and_evaluators_are_told_their_run(
     options = LearnerOptions(
         PRESETS["robot"],
         envs=4,
-        kernel="torch",
+        precision="float32",
+        kernel="native",
         clock=ClockConfig(sync=low_priority),
         certificates=Path("c"),
     )
@@ -45,7 +46,7 @@ def test_actors_and_evaluators_are_told_their_run(
     assert [children.works(role) for role in roles] == [False, False]
     ours = os.getpriority(os.PRIO_PROCESS, 0)
     nice = min(ours + 10, 19) if low_priority else ours
-    actors = ["--envs", "4", "--kernel", "torch"]
+    actors = ["--envs", "4", "--precision", "float32", "--kernel", "native"]
     for name, own in (("actor-1", actors), ("evaluator-1", ["--evaluator"])):
         told = json.loads((logs / f"{name}.log").read_text())
         common = ["--connect", "tcp/h:1", "--run", "r", *options.clock.flags()]

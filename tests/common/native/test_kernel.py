@@ -6,7 +6,7 @@ import torch
 from common.errors import InputError
 from common.native import kernel as module
 from common.native.kernel import NEEDS, KernelChoice, bfloat16_is_faster, choose_kernel
-from common.native.library import Instructions, NativeUnavailableError
+from common.native.library import InstructionSet, NativeUnavailableError
 from common.network import QNetwork
 from common.run.config import LearningConfig
 
@@ -49,7 +49,7 @@ def test_auto_takes_it_where_it_is_faster(
     has: dict[str, bool],
     bfloat16: bool,
     kernel: KernelChoice,
-    used: Instructions | None,
+    used: InstructionSet | None,
     calls: list[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -85,19 +85,25 @@ def test_other_networks_are_pytorchs(calls: list[str], monkeypatch: pytest.Monke
     assert choose_kernel("auto", bfloat16=True, network=QNetwork(6))
 
 
-@pytest.mark.parametrize(("bfloat16", "lacks"), [(True, "AVX-512 bf16"), (False, "AVX2")])
+@pytest.mark.parametrize(
+    ("bfloat16", "told"),
+    [
+        (True, "no AVX-512 bf16: omit --precision bfloat16"),
+        (False, "no AVX2: omit --kernel native"),
+    ],
+)
 def test_a_processor_that_cannot_is_told(
-    bfloat16: bool, lacks: str, monkeypatch: pytest.MonkeyPatch
+    bfloat16: bool, told: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(torch.cpu, "get_capabilities", lambda: {"avx": True})
-    with pytest.raises(InputError, match=f"no {lacks}: omit --kernel native"):
+    with pytest.raises(InputError, match=told):
         choose_kernel("native", bfloat16=bfloat16)
 
 
 def test_without_a_compiler_auto_warns_and_goes_on(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def missing(instructions: Instructions) -> None:
+    def missing(instruction_set: InstructionSet) -> None:
         raise NativeUnavailableError("there is no C++ compiler here: install g++ or clang")
 
     monkeypatch.setattr(torch.cpu, "get_capabilities", lambda: _BF16)

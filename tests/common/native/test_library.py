@@ -10,7 +10,7 @@ from typing import get_args
 import pytest
 
 from common.native import library as module
-from common.native.library import Instructions, NativeUnavailableError, library
+from common.native.library import InstructionSet, NativeUnavailableError, library
 
 _COMPILER = """#!/bin/sh
 echo "$@" >> "$(dirname "$0")/calls"
@@ -164,10 +164,10 @@ def test_a_home_that_cannot_be_written_is_told(
     platform.machine() != "x86_64" or not any(map(shutil.which, module._COMPILERS)),
     reason="needs a C++ compiler for x86-64",
 )
-@pytest.mark.parametrize("instructions", get_args(Instructions))
-def test_the_source_compiles(instructions: Instructions, tmp_path: Path) -> None:
+@pytest.mark.parametrize("instruction_set", get_args(InstructionSet))
+def test_the_source_compiles(instruction_set: InstructionSet, tmp_path: Path) -> None:
     """Also where the processor cannot run it."""
-    module._compile(module._compiler(), instructions, tmp_path / "trunk.so")
+    module._compile(module._compiler(), instruction_set, tmp_path / "trunk.so")
     assert (tmp_path / "trunk.so").stat().st_size > 10_000
 
 

@@ -13,15 +13,15 @@ import pytest
 import torch
 from torch import Tensor, nn
 
-from common.native.library import Instructions
+from common.native.library import InstructionSet
 from common.native.network import NativeQNetwork
 from common.network import QNetwork
 from common.run.config import LearningConfig
 from tests.common.test_network import frames_of
-from tests.native import ALL_INSTRUCTIONS
+from tests.native import INSTRUCTION_SETS
 
 _ALL = [1, 2, 3, 4, 5, 31, 32, 33, 65]
-"""Instructions of states below, at and above those that are computed together."""
+"""Numbers of states below, at and above those that are computed together."""
 
 
 def whole_network(seed: int, width: int = 0) -> QNetwork:
@@ -54,9 +54,9 @@ def gradients_of(network: QNetwork) -> list[Tensor]:
     return found
 
 
-@pytest.fixture(params=ALL_INSTRUCTIONS)
-def instructions(request: pytest.FixtureRequest) -> Instructions:
-    chosen: Instructions = request.param
+@pytest.fixture(params=INSTRUCTION_SETS)
+def instruction_set(request: pytest.FixtureRequest) -> InstructionSet:
+    chosen: InstructionSet = request.param
     return chosen
 
 
@@ -72,7 +72,7 @@ def threads(request: pytest.FixtureRequest) -> Iterator[None]:
 @pytest.mark.parametrize("states", _ALL)
 @pytest.mark.parametrize("width", [0, 5])
 def test_whole_numbers_give_exactly_what_pytorch_gives(
-    states: int, width: int, threads: None, instructions: Instructions
+    states: int, width: int, threads: None, instruction_set: InstructionSet
 ) -> None:
     network = whole_network(1, width)
     frames = whole_frames(states)
@@ -96,7 +96,7 @@ def test_whole_numbers_give_exactly_what_pytorch_gives(
     gradients = gradients_of(network)
     assert all(each.abs().max() > 0 for each in gradients)
 
-    native = NativeQNetwork(network, instructions)
+    native = NativeQNetwork(network, instruction_set)
     for _ in range(2):  # a second update finds memory that the first one has used
         network.zero_grad()
         with torch.no_grad():
@@ -109,14 +109,14 @@ def test_whole_numbers_give_exactly_what_pytorch_gives(
             assert torch.equal(ours, theirs)
 
 
-def test_fewer_states_than_before_find_nothing_of_those(instructions: Instructions) -> None:
+def test_fewer_states_than_before_find_nothing_of_those(instruction_set: InstructionSet) -> None:
     network = whole_network(2)
-    used, empty = NativeQNetwork(network, instructions), torch.zeros(65, 0)
+    used, empty = NativeQNetwork(network, instruction_set), torch.zeros(65, 0)
     used.hidden_units(torch.full((65, 4, 84, 84), 255, dtype=torch.uint8), empty).sum().backward()  # type: ignore[no-untyped-call]
     used.backward()
     for states in (34, 33, 5, 3, 1):
         found = []
-        for native in (used, NativeQNetwork(network, instructions)):
+        for native in (used, NativeQNetwork(network, instruction_set)):
             network.zero_grad()
             units = native.hidden_units(whole_frames(states), empty[:states])
             units.square().sum().backward()  # type: ignore[no-untyped-call]
@@ -126,11 +126,11 @@ def test_fewer_states_than_before_find_nothing_of_those(instructions: Instructio
             assert torch.equal(ours, theirs)
 
 
-def test_two_backward_passes_are_the_same_to_the_last_bit(instructions: Instructions) -> None:
+def test_two_backward_passes_are_the_same_to_the_last_bit(instruction_set: InstructionSet) -> None:
     """Threads that add up in another order would round otherwise."""
     torch.manual_seed(1)
     network = QNetwork(6)
-    native, before = NativeQNetwork(network, instructions), torch.get_num_threads()
+    native, before = NativeQNetwork(network, instruction_set), torch.get_num_threads()
     torch.set_num_threads(3)
     found = []
     for _ in range(5):
@@ -146,7 +146,7 @@ def test_two_backward_passes_are_the_same_to_the_last_bit(instructions: Instruct
 @pytest.mark.parametrize("differences", [False, True])
 @pytest.mark.parametrize("center", [False, True])
 def test_pixels_are_those_of_pytorch_in_blocks(
-    differences: bool, center: bool, instructions: Instructions
+    differences: bool, center: bool, instruction_set: InstructionSet
 ) -> None:
     learning = LearningConfig(frame_differences=differences, center_pixels=center)
     network = QNetwork(6, learning=learning)
@@ -155,20 +155,20 @@ def test_pixels_are_those_of_pytorch_in_blocks(
     frames[3, :, :42], frames[3, :, 42:] = 0, 1  # whose mean of ½ is rounded to 0
     frames[4, :, :42], frames[4, :, 42:] = 1, 2  # and this one's to 2
     expected = network.as_pixels(frames).reshape(5, 4, 21, 4, 21, 4).permute(0, 2, 4, 1, 3, 5)
-    found = NativeQNetwork(network, instructions).as_pixels(frames).float()
+    found = NativeQNetwork(network, instruction_set).as_pixels(frames).float()
     assert torch.equal(found, expected.reshape(5, 21, 21, 64))
 
 
-def test_real_weights_come_as_near_as_the_numbers_can(instructions: Instructions) -> None:
+def test_real_weights_come_as_near_as_the_numbers_can(instruction_set: InstructionSet) -> None:
     torch.manual_seed(3)
     learning = LearningConfig(
         layer_norm=True, frame_differences=True, center_pixels=True, initial_weights="he"
     )
     network = QNetwork(6, vector_width=40, learning=learning, atoms=32)
     frames, vectors = frames_of(32), torch.randn(32, 40)
-    native = NativeQNetwork(network, instructions)
+    native = NativeQNetwork(network, instruction_set)
     found, expected = native(frames, vectors), network(frames, vectors)
-    rounds = instructions == "avx512_bf16"
+    rounds = instruction_set == "avx512_bf16"
     assert (found - expected).norm() / expected.norm() < (0.01 if rounds else 1e-5)
     expected.square().sum().backward()
     theirs = [p.grad for p in network.parameters()]
@@ -183,19 +183,19 @@ def test_real_weights_come_as_near_as_the_numbers_can(instructions: Instructions
         assert torch.nn.functional.cosine_similarity(ours.flatten(), their.flatten(), 0) > 0.99
 
 
-def test_weights_that_are_not_numbers_are_seen(instructions: Instructions) -> None:
+def test_weights_that_are_not_numbers_are_seen(instruction_set: InstructionSet) -> None:
     """A maximum of 0 and such a number could be 0, and a run would go on with them."""
     for layer in range(4):
         network = whole_network(4)
         with torch.no_grad():
             layers_of(network)[layer].weight[0] = float("nan")
-        values = NativeQNetwork(network, instructions)(whole_frames(2), torch.zeros(2, 0))
+        values = NativeQNetwork(network, instruction_set)(whole_frames(2), torch.zeros(2, 0))
         assert values.isnan().any()
 
 
-def test_it_computes_with_the_weights_of_the_last_pack(instructions: Instructions) -> None:
+def test_it_computes_with_the_weights_of_the_last_pack(instruction_set: InstructionSet) -> None:
     network, frames, empty = whole_network(5), whole_frames(2), torch.zeros(2, 0)
-    native = NativeQNetwork(network, instructions)
+    native = NativeQNetwork(network, instruction_set)
     before = native.hidden_units(frames, empty).detach().clone()
     native.backward()
     with torch.no_grad():
@@ -208,10 +208,10 @@ def test_it_computes_with_the_weights_of_the_last_pack(instructions: Instruction
 
 
 def test_it_takes_over_weights_that_are_loaded_into_it_or_into_its_master(
-    instructions: Instructions,
+    instruction_set: InstructionSet,
 ) -> None:
     master, frames, empty = whole_network(5), whole_frames(2), torch.zeros(2, 0)
-    native = NativeQNetwork(master, instructions)
+    native = NativeQNetwork(master, instruction_set)
     for seed, loaded in ((6, master), (7, native)):
         loaded.load_state_dict(whole_network(seed).state_dict())
         with torch.no_grad():
@@ -220,7 +220,7 @@ def test_it_takes_over_weights_that_are_loaded_into_it_or_into_its_master(
             assert torch.equal(master.hidden_units(frames, empty), expected)
 
 
-def test_a_loss_of_two_passes_has_the_gradients_of_both(instructions: Instructions) -> None:
+def test_a_loss_of_two_passes_has_the_gradients_of_both(instruction_set: InstructionSet) -> None:
     torch.manual_seed(6)
     network = QNetwork(6, vector_width=3)
     frames, vectors = frames_of(8), torch.randn(8, 3)
@@ -230,8 +230,8 @@ def test_a_loss_of_two_passes_has_the_gradients_of_both(instructions: Instructio
         return torch.sum(both)
 
     loss(network).backward()  # type: ignore[no-untyped-call]
-    expected, rounds = gradients_of(network), instructions == "avx512_bf16"
-    native = NativeQNetwork(network, instructions)
+    expected, rounds = gradients_of(network), instruction_set == "avx512_bf16"
+    native = NativeQNetwork(network, instruction_set)
     for _ in range(2):
         network.zero_grad()
         loss(native).backward()  # type: ignore[no-untyped-call]
@@ -253,22 +253,24 @@ def test_a_loss_of_two_passes_has_the_gradients_of_both(instructions: Instructio
         torch.zeros(2, 21, 21, 32, dtype=torch.bfloat16),
     ],
 )
-def test_other_shapes_and_types_are_refused(frames: Tensor, instructions: Instructions) -> None:
+def test_other_shapes_and_types_are_refused(
+    frames: Tensor, instruction_set: InstructionSet
+) -> None:
     with pytest.raises(ValueError, match="pixels"):
-        NativeQNetwork(whole_network(6), instructions).hidden_units(
+        NativeQNetwork(whole_network(6), instruction_set).hidden_units(
             frames, torch.zeros(len(frames), 0)
         )
 
 
-def test_vectors_of_another_shape_are_refused(instructions: Instructions) -> None:
-    native = NativeQNetwork(whole_network(6, width=2), instructions)
+def test_vectors_of_another_shape_are_refused(instruction_set: InstructionSet) -> None:
+    native = NativeQNetwork(whole_network(6, width=2), instruction_set)
     for shape in ((1, 2), (2, 0), (2, 3)):
         with pytest.raises(ValueError, match="vectors"):
             native.hidden_units(whole_frames(2), torch.zeros(shape))
 
 
-def test_frames_and_pixels_may_be_parts_of_others(instructions: Instructions) -> None:
-    native = NativeQNetwork(whole_network(6), instructions)
+def test_frames_and_pixels_may_be_parts_of_others(instruction_set: InstructionSet) -> None:
+    native = NativeQNetwork(whole_network(6), instruction_set)
     frames, empty = whole_frames(6), torch.zeros(3, 0)
     with torch.no_grad():
         expected = native.hidden_units(frames[::2].clone(), empty)
@@ -276,9 +278,9 @@ def test_frames_and_pixels_may_be_parts_of_others(instructions: Instructions) ->
         assert torch.equal(native.hidden_units(native.as_pixels(frames)[::2], empty), expected)
 
 
-def test_a_loss_without_the_layers_gives_them_no_gradient(instructions: Instructions) -> None:
+def test_a_loss_without_the_layers_gives_them_no_gradient(instruction_set: InstructionSet) -> None:
     network = whole_network(7)
-    native = NativeQNetwork(network, instructions)
+    native = NativeQNetwork(network, instruction_set)
     native.backward()
     native.hidden_units(whole_frames(1), torch.zeros(1, 0))
     native.backward()
@@ -295,14 +297,29 @@ def test_only_the_layers_that_the_code_knows_are_its() -> None:
     assert not NativeQNetwork.fits(Other(3))
 
 
-def test_its_memory_is_freed(instructions: Instructions) -> None:
+def _in_rows(network: QNetwork) -> QNetwork:
+    for parameter in network.parameters():
+        parameter.data = parameter.data.contiguous()
+    return network
+
+
+def test_weights_that_the_code_cannot_read_are_refused(instruction_set: InstructionSet) -> None:
+    with pytest.raises(ValueError, match="bfloat16 or in another layout"):
+        NativeQNetwork(QNetwork(6).bfloat16(), instruction_set)
+    with pytest.raises(ValueError, match="another layout"):
+        NativeQNetwork(_in_rows(QNetwork(6)), instruction_set)
+    with pytest.raises(ValueError, match="not the layers"):
+        NativeQNetwork(QNetwork(6, frame_stack=3), instruction_set)
+
+
+def test_its_memory_is_freed(instruction_set: InstructionSet) -> None:
     def resident_bytes() -> int:
         return int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize()
 
-    NativeQNetwork(whole_network(8), instructions)
+    NativeQNetwork(whole_network(8), instruction_set)
     gc.collect()
     before = resident_bytes()
-    for _ in range(15):  # of 8 MB each, beside 14 MB of PyTorch's
-        NativeQNetwork(whole_network(8), instructions)
+    for _ in range(15):  # each of them keeps 4 to 7 MB
+        NativeQNetwork(whole_network(8), instruction_set)
         gc.collect()
-    assert resident_bytes() - before < 60e6
+    assert resident_bytes() - before < 30e6

@@ -24,6 +24,7 @@ CPU_NATIVE = replace(CPU_BFLOAT16, native="avx512_bf16")
 NATIVE = [
     pytest.param(CPU_NATIVE, marks=needs_native("avx512_bf16")),
     pytest.param(replace(CPU, native="avx2"), marks=needs_native("avx2")),
+    pytest.param(replace(CPU, native="avx512"), marks=needs_native("avx512")),
 ]
 
 
