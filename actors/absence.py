@@ -35,7 +35,10 @@ class Absence:
             )
         if seconds > _TELL_AFTER and not self._told:
             self._told = True
-            self.member.warn(f"the {self.other} does not answer: waiting for it.")
+            self.member.warn(
+                f"the {self.other} does not answer: waiting up to {self.member.patience:.0f} s for "
+                "it."
+            )
 
     def ends(self) -> None:
         """Notes that the other process answers."""

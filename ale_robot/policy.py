@@ -80,7 +80,11 @@ class TrainedPolicy:
     def _batch(self, observation: Observation) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
         told: dict[str, Any]
         told = {**observation} if isinstance(observation, dict) else {"frames": observation}
-        frames, vector = (np.asarray(told.get(part, NO_VECTOR)) for part in ("frames", "vector"))
+        try:
+            frames = np.asarray(told.get("frames", NO_VECTOR))
+            vector = np.asarray(told.get("vector", NO_VECTOR), np.float32)
+        except (TypeError, ValueError, RuntimeError) as error:
+            raise InputError(f"the observation's parts are no numbers: {error}.") from None
         found = str(frames.dtype), frames.shape, vector.shape
         stack = (self.config.play.frame_stack, *FRAME_SHAPE)
         if found != ("uint8", stack, (self.config.vector_width,)):
@@ -89,6 +93,8 @@ class TrainedPolicy:
                 f"{self.config.vector_width} numbers, and got {found[0]} {found[1]} and "
                 f"{found[2]}: give it the whole observation of its own make_env()."
             )
+        if not np.isfinite(vector).all():
+            raise InputError("the observation's vector has numbers that are not finite.")
         return frames[None], vector[None]
 
 

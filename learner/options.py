@@ -3,7 +3,7 @@
 import os
 import shlex
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from operator import attrgetter
 from pathlib import Path
@@ -36,6 +36,16 @@ from learner.evaluation.options import EvaluationOptions
 from learner.telemetry.sinks.tracker import TRACKERS
 
 MAX_THREADS = 1_024
+
+
+_IN_AN_EVALUATION = {
+    "steps": "give --games or --test-steps",
+    "actors": "give --processes",
+    "envs": "give --processes",
+    "evaluators": "give --processes",
+    "run": "name the network before all flags, as in runs/NAME",
+}
+"""What to do instead, if an option looks like one of an evaluation."""
 
 
 @dataclass(frozen=True)
@@ -122,6 +132,7 @@ class LearnerOptions(RunOptions):
             web_address(self.web)
         self.clock.check(self.config.env)
         if self.evaluation.evaluate is not None:
+            self._refuse_training()
             return  # the games' own processes check the rest
         if (flag := self.clock.robot_flag) and not self.local:
             raise InputError(f"{flag} is for --local: give it to each `python -m actors`.")
@@ -174,6 +185,16 @@ class LearnerOptions(RunOptions):
         parts: tuple[Part, ...] = ("learner",) if self.connect else ("learner", "replay")
         for part in parts:
             folder.check_claim(part, self.config, resume=self.resume)
+
+    def _refuse_training(self) -> None:
+        """Refuses flags of a training, because a network is evaluated instead."""
+        usual = LearnerOptions(self.config)
+        for option in fields(self):
+            same = getattr(self, option.name) == getattr(usual, option.name)
+            if option.name not in ("config", "clock", "evaluation") and not same:
+                flag = f"--{option.name.replace('_', '-')}"
+                instead = _IN_AN_EVALUATION.get(option.name, "omit it")
+                raise InputError(f"{flag} is for a training, not for an evaluation: {instead}.")
 
     def _refuse_ignored(self) -> None:
         """Refuses flags that have no effect beside the others, or without them."""

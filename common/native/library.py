@@ -8,13 +8,18 @@ import hashlib
 import os
 import shlex
 import shutil
+import signal
 import stat
 import subprocess
 import tempfile
+import time
+from contextlib import suppress
 from ctypes import CDLL, c_float, c_int, c_long, c_void_p
 from functools import cache
 from pathlib import Path
 from typing import Literal, get_args
+
+from common.process.output import visible
 
 _SOURCE = Path(__file__).with_name("trunk.cpp")
 _FLAGS = ("-std=c++20", "-O3", "-ffp-contract=fast", "-shared", "-fPIC", "-pthread")
@@ -26,8 +31,13 @@ _FLAGS_OF: dict[InstructionSet, tuple[str, ...]] = {
     "avx512_bf16": ("-march=x86-64-v4", "-mavx512bf16", "-DBFLOAT16"),
 }
 _COMPILERS = ("c++", "g++", "clang++")
-_SECONDS = 300
+_SECONDS = 300.0
 """Maximum time to compile, which takes three seconds on a free core."""
+_VERSION_SECONDS = 10.0
+_DIGEST = hashlib.sha256
+_TEMPORARY = "compiling-"
+_KEPT_SECONDS = 3_600.0
+"""Age from which the folder of a compilation that was killed is removed."""
 
 _ARGUMENTS = {
     "trunk_pixels": (c_void_p, c_void_p, c_long, c_int, c_int, c_int),
@@ -55,27 +65,29 @@ def library(instruction_set: InstructionSet) -> CDLL:
         NativeUnavailableError: there is no compiler, or it failed, or the file cannot be trusted.
     """
     try:
-        loaded = _loaded(instruction_set)
-    except (OSError, RuntimeError) as error:  # such as a user without a home
+        loaded = CDLL(str(_whole(instruction_set)))
+        for name, arguments in _ARGUMENTS.items():
+            function = getattr(loaded, name)
+            function.argtypes, function.restype = arguments, None
+    # Such as a user without a home, or a compiler that makes something else.
+    except (OSError, RuntimeError, AttributeError) as error:
         raise NativeUnavailableError(str(error)) from None
-    for name, arguments in _ARGUMENTS.items():
-        function = getattr(loaded, name)
-        function.argtypes, function.restype = arguments, None
     loaded.trunk_new.restype = c_void_p
     return loaded
 
 
-def _loaded(instruction_set: InstructionSet) -> CDLL:
-    """Returns the compiled file as a library; one that a full disk has damaged is made anew. Raises
-    OSError or NativeUnavailableError."""
+def _whole(instruction_set: InstructionSet) -> Path:
+    """Returns the compiled file, which is made anew if its digest is wrong: to load a damaged one
+    could end the process. Raises OSError or NativeUnavailableError."""
     path = _compiled(instruction_set)
-    try:
-        return CDLL(str(path))
-    except OSError:
-        if path.parent == _SOURCE.parent:
-            raise
-        path.unlink()
-        return CDLL(str(_compiled(instruction_set)))
+    size = _DIGEST().digest_size
+    content = path.read_bytes()
+    if _DIGEST(content[:-size]).digest() == content[-size:]:
+        return path
+    if path.parent == _SOURCE.parent:
+        raise NativeUnavailableError(f"{path} is damaged: install the package again")
+    path.unlink(missing_ok=True)
+    return _compiled(instruction_set)
 
 
 def _compiled(instruction_set: InstructionSet) -> Path:
@@ -84,7 +96,7 @@ def _compiled(instruction_set: InstructionSet) -> Path:
     if shipped.exists():
         return shipped
     compiler = _compiler()
-    path = _folder() / _name(instruction_set, _run([*compiler, "--version"]))
+    path = _folder() / _name(instruction_set, _run([*compiler, "--version"], _VERSION_SECONDS))
     if not path.exists():
         _compile(compiler, instruction_set, path)
     _check_own(path)
@@ -99,17 +111,29 @@ def _name(instruction_set: InstructionSet, compiler: str = "") -> str:
 
 def _compiler() -> list[str]:
     """Returns the compiler's command. Raises NativeUnavailableError if there is none."""
-    compiler = os.environ.get("CXX") or next(filter(shutil.which, _COMPILERS), None)
+    compiler = os.environ.get("CXX", "").strip() or next(filter(shutil.which, _COMPILERS), None)
     if compiler is None:
         raise NativeUnavailableError("there is no C++ compiler here: install g++ or clang")
-    return shlex.split(compiler)
+    try:
+        return shlex.split(compiler)
+    except ValueError as error:
+        raise NativeUnavailableError(f"CXX is no command ({error})") from None
 
 
 def _compile(compiler: list[str], instruction_set: InstructionSet, path: Path) -> None:
-    """Makes the file at ``path``. Raises OSError or NativeUnavailableError."""
-    with tempfile.TemporaryDirectory(dir=path.parent) as folder:
+    """Makes the file at ``path``, whose last bytes are a digest of the others. Raises OSError or
+    NativeUnavailableError."""
+    with tempfile.TemporaryDirectory(dir=path.parent, prefix=_TEMPORARY) as folder:
         made = Path(folder, path.name)
-        _run([*compiler, *_FLAGS, *_FLAGS_OF[instruction_set], str(_SOURCE), "-o", str(made)])
+        flags = *_FLAGS, *_FLAGS_OF[instruction_set]
+        _run([*compiler, *flags, str(_SOURCE), "-o", str(made)], _SECONDS)
+        if not made.is_file():
+            raise NativeUnavailableError(f"{compiler[0]} made no file")
+        with made.open("rb+") as file:
+            digest = _DIGEST(file.read()).digest()
+            file.write(digest)
+            file.flush()
+            os.fsync(file.fileno())  # or a power loss after the renaming could leave half of it
         made.chmod(0o755)  # whatever the umask: only the user may write it, and all may load it
         made.rename(path)  # at once, or another process would load half of it
 
@@ -118,8 +142,14 @@ def _folder() -> Path:
     """Returns the folder of compiled files, which only this user may change."""
     caches = Path(os.environ.get("XDG_CACHE_HOME", ""))
     folder = (caches if caches.is_absolute() else Path.home() / ".cache") / "ale-robot"
+    if not folder.is_absolute():
+        raise NativeUnavailableError("HOME is not a whole path")
     folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     _check_own(folder)
+    for left in folder.glob(f"{_TEMPORARY}*"):
+        with suppress(FileNotFoundError):  # another process was quicker
+            if time.time() - left.stat().st_mtime > _KEPT_SECONDS:
+                shutil.rmtree(left, ignore_errors=True)
     return folder
 
 
@@ -133,18 +163,35 @@ def _check_own(path: Path) -> None:
         )
 
 
-def _run(command: list[str]) -> str:
-    """Returns what ``command`` prints. Raises NativeUnavailableError if it fails."""
+def _run(command: list[str], seconds: float) -> str:
+    """Returns what ``command`` prints. Raises NativeUnavailableError if it fails or takes longer
+    than ``seconds``."""
     try:
-        done = subprocess.run(
-            command, capture_output=True, text=True, errors="replace", timeout=_SECONDS
+        started = subprocess.Popen(
+            command,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            errors="replace",
+            start_new_session=True,
         )
-    except (OSError, subprocess.TimeoutExpired) as error:
+    except OSError as error:
         raise NativeUnavailableError(f"the compiler cannot run: {error}") from None
-    if done.returncode:
-        first = next(iter(done.stderr.splitlines()), f"exit code {done.returncode}")
-        raise NativeUnavailableError(f"{command[0]} cannot compile it: {first}")
-    return done.stdout
+    with started:
+        try:
+            told, wrong = started.communicate(timeout=seconds)
+        except BaseException as error:  # the programs that the compiler has started end, too
+            os.killpg(started.pid, signal.SIGKILL)
+            if not isinstance(error, subprocess.TimeoutExpired):
+                raise
+            raise NativeUnavailableError(
+                f"{command[0]} did not end within {seconds:.0f} s"
+            ) from None
+    if started.returncode:
+        first = next(iter(wrong.splitlines()), f"exit code {started.returncode}")
+        raise NativeUnavailableError(f"{command[0]} cannot compile it: {visible(first)[:200]}")
+    return told
 
 
 if __name__ == "__main__":

@@ -16,6 +16,9 @@ def as_sentence(box: str, all_flags: str) -> str:
     unknown = first.removeprefix("Unrecognized options: ").partition(",")[0]
     flags = [line for line in lines if line.startswith("--") and not _is_rule(line)]
     alike = [line.split()[0].strip(",") for line in flags]
+    # Of several flags that contain the given name, tyro does not prefer the shortest.
+    name = unknown.lstrip("-").rpartition(".")[2]
+    alike = sorted((each for each in alike if name in each), key=len) or alike
     hint = f"did you mean {alike[0]}?" if alike else f"`{all_flags}` lists the flags."
     if not unknown.startswith("-"):
         return f"{unknown} lacks a flag before it, or is one too many: {hint}"

@@ -67,8 +67,13 @@ def find_run(
     if name is not None:
         check_name("run", name)
     began = time.monotonic()
+    others: list[str] | None = None
     while True:
         found, unfit = _announced(transport, RunKeys(name or "*").config)
+        if name is not None and not found and others is None:
+            others = sorted(_announced(transport, RunKeys("*").config)[0])
+            if others:
+                _log.warning("the hub serves %s, and no run called %s", " and ".join(others), name)
         if len(found) > 1:
             raise InputError(
                 f"the hub serves several runs ({', '.join(sorted(found))}): name one with --run."
@@ -82,9 +87,11 @@ def find_run(
         if stopped():
             raise KeyboardInterrupt
         if over:
+            called = f" called {name!r}" if name else ""
+            instead = f", but {' and '.join(others)}: name one with --run, or" if others else ":"
             raise Unreachable(
-                f"the hub serves no run{f' called {name!r}' if name else ''}: "
-                "start a learner there." + ("" if certificates is None else _DENIED)
+                f"the hub serves no run{called}{instead} start a learner there."
+                + ("" if certificates is None else _DENIED)
             )
         for key, reason in unfit.items():
             _log.warning("what %s announces is passed over: %s", key, reason)

@@ -287,7 +287,7 @@ def test_people_are_told_that_the_learner_is_away_and_back(
     stage.give(EvaluationJob("wait"))
     wait_until(lambda: len(stage.warnings) == 2, "the learner is back")
     assert stage.warnings == [
-        "e: the learner does not answer: waiting for it.",
+        "e: the learner does not answer: waiting up to 300 s for it.",
         "e: the learner answers again.",
     ]
 

@@ -1,5 +1,7 @@
 """What the process of an actor plays by."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -55,6 +57,11 @@ def test_it_plays_in_the_precision_that_is_faster_or_asked_for(
     network = network_of(CONFIG, 6, ActorOptions(precision=precision))
     assert isinstance(network, NativeQNetwork)
     assert network.dtype == dtype
+
+
+def test_a_network_that_the_kernel_does_not_fit_is_pytorchs() -> None:
+    small = replace(CONFIG, learning=replace(CONFIG.learning, network="nips"))
+    assert not isinstance(network_of(small, 6, ActorOptions()), NativeQNetwork)
 
 
 def test_an_evaluator_with_the_native_kernel_is_refused() -> None:

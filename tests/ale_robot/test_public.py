@@ -76,6 +76,29 @@ def test_an_observation_of_another_environment_is_refused(observation: Any) -> N
         policy.act(observation)
 
 
+@pytest.mark.parametrize(
+    ("vector", "told"),
+    [
+        (["?"] * 144, "are no numbers"),
+        ([[1.0], [1.0, 2.0]], "are no numbers"),
+        (np.full(144, np.nan), "not finite"),
+    ],
+)
+def test_a_vector_without_numbers_is_refused(vector: Any, told: str) -> None:
+    frames = np.zeros((4, 84, 84), np.uint8)
+    with pytest.raises(InputError, match=told):
+        ale_robot.load_policy("robot_pong").act({"frames": frames, "vector": vector})
+
+
+def test_a_vector_of_any_type_of_numbers_is_the_same() -> None:
+    policy, frames = ale_robot.load_policy("robot_pong"), np.zeros((4, 84, 84), np.uint8)
+    values = [
+        policy.q_values({"frames": frames, "vector": np.ones(144, kind)})
+        for kind in (np.float32, ">f4", np.int64)
+    ]
+    assert all(np.array_equal(each, values[0]) for each in values)
+
+
 def test_a_policy_plays_and_is_evaluated_under_other_conditions() -> None:
     policy = ale_robot.load_policy("ale_pong")
     usual, noisy = policy.make_env(), policy.make_env(camera=CameraConfig(noise=60.0))

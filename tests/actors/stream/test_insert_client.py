@@ -383,7 +383,7 @@ def test_people_are_told_that_the_hub_is_away_and_back(
 
     joined(sender.beside(lambda: poll_until(1)))
     sender.client.poll()  # says it no second time
-    assert sender.warnings == ["a: the hub does not answer: waiting for it."]
+    assert sender.warnings == ["a: the hub does not answer: waiting up to 300 s for it."]
     replay = PendingRequests(hub, KEY)
     polling = sender.beside(lambda: poll_until(2))
     acknowledge(replay.next())

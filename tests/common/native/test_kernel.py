@@ -5,14 +5,15 @@ import torch
 
 from common.errors import InputError
 from common.native import kernel as module
-from common.native.kernel import NEEDS, KernelChoice, bfloat16_is_faster, choose_kernel
+from common.native.kernel import KernelChoice, bfloat16_is_faster, choose_kernel
 from common.native.library import InstructionSet, NativeUnavailableError
 from common.network import QNetwork
 from common.run.config import LearningConfig
 
-_AVX2, _AVX512, _BF16 = (
-    dict.fromkeys(NEEDS[each], True) for each in ("avx2", "avx512", "avx512_bf16")
-)
+_V3 = ("avx2", "bmi", "bmi2", "f16c", "fma3", "lzcnt")
+_V4 = (*_V3, "avx512_f", "avx512_bw", "avx512_cd", "avx512_dq", "avx512_vl")
+_AVX2, _AVX512 = dict.fromkeys(_V3, True), dict.fromkeys(_V4, True)
+_BF16 = _AVX512 | {"avx512_bf16": True}
 _AMX = _BF16 | {"amx_bf16": True}
 
 
@@ -56,6 +57,16 @@ def test_auto_takes_it_where_it_is_faster(
     monkeypatch.setattr(torch.cpu, "get_capabilities", lambda: has)
     assert choose_kernel(kernel, bfloat16=bfloat16) == used
     assert calls == ([used] if used else [])  # nothing is compiled in vain
+
+
+@pytest.mark.parametrize("lacks", _V4)
+def test_each_extension_of_the_compilers_level_is_asked_for(
+    lacks: str, calls: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """-march=x86-64-v3 and -v4 let the compiler use all of them."""
+    monkeypatch.setattr(torch.cpu, "get_capabilities", lambda: _BF16 | {lacks: False})
+    assert choose_kernel("auto", bfloat16=True) is None
+    assert choose_kernel("auto", bfloat16=False) == (None if lacks in _V3 else "avx2")
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,9 @@
 import os
 import platform
 import shutil
+import subprocess
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import get_args
 
@@ -11,6 +13,7 @@ import pytest
 
 from common.native import library as module
 from common.native.library import InstructionSet, NativeUnavailableError, library
+from tests.patience import wait_until
 
 _COMPILER = """#!/bin/sh
 echo "$@" >> "$(dirname "$0")/calls"
@@ -18,6 +21,12 @@ if [ "$1" = --version ]; then echo "compiler 1.0"; exit 0; fi
 for last; do :; done
 cp "$(dirname "$0")/made" "$last" 2>/dev/null || { echo "it does not compile" >&2; exit 1; }
 """
+
+
+_NEEDS_COMPILER = pytest.mark.skipif(
+    platform.machine() != "x86_64" or not any(map(shutil.which, module._COMPILERS)),
+    reason="needs a C++ compiler for x86-64",
+)
 
 
 @pytest.fixture
@@ -41,10 +50,66 @@ def test_the_file_is_compiled_once_and_is_the_users_own(compiler: Path) -> None:
     compiler.with_name("made").write_text("code")
     first, second = module._compiled("avx512_bf16"), module._compiled("avx512_bf16")
     assert first == second
-    assert first.read_text() == "code"
+    assert first.read_bytes().startswith(b"code")
     assert builds(compiler) == 1
     assert first.parent.stat().st_mode & 0o077 == 0
     assert [each.name for each in first.parent.iterdir()] == [first.name]
+
+
+def test_a_file_that_is_there_is_a_whole_one(compiler: Path) -> None:
+    """Another process would load what is still written."""
+    compiler.with_name("made").write_text("code")
+    caches = compiler.with_name("caches") / "ale-robot"
+    looks = f"ls {caches}/*.so >> {compiler.with_name('seen')} 2>/dev/null || true\n"
+    compiler.write_text(_COMPILER.replace("cp ", f"{looks}cp ") + looks)
+    module._compiled("avx512_bf16")
+    assert compiler.with_name("seen").read_text() == ""
+
+
+def test_other_flags_are_compiled_anew(compiler: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    compiler.with_name("made").write_text("code")
+    paths = {module._compiled("avx2")}
+    monkeypatch.setattr(module, "_FLAGS", (*module._FLAGS, "-g"))
+    paths.add(module._compiled("avx2"))
+    assert len(paths) == builds(compiler) == 2
+
+
+@pytest.mark.parametrize("kept", [0, 20, -1])
+def test_a_damaged_file_is_made_anew(compiler: Path, kept: int) -> None:
+    compiler.with_name("made").write_text("code of some length")
+    path = module._whole("avx512_bf16")
+    whole = path.read_bytes()
+    path.write_bytes(whole[:kept] + b"\0" * (20 if kept == 20 else 0))
+    assert module._whole("avx512_bf16") == path
+    assert path.read_bytes() == whole
+    assert builds(compiler) == 2
+
+
+def test_a_damaged_file_of_the_package_is_told_and_kept(
+    compiler: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    source = tmp_path / "package" / "trunk.cpp"
+    source.parent.mkdir()
+    source.write_text("source")
+    monkeypatch.setattr(module, "_SOURCE", source)
+    shipped = source.with_name(module._name("avx512_bf16"))
+    shipped.write_text("half")
+    with pytest.raises(NativeUnavailableError, match="is damaged: install the package again"):
+        library("avx512_bf16")
+    assert shipped.exists()
+
+
+def test_what_a_killed_compilation_left_is_removed_in_time(compiler: Path) -> None:
+    compiler.with_name("made").write_text("code")
+    folder = module._folder()
+    old, recent = (folder / f"{module._TEMPORARY}{age}" for age in ("old", "recent"))
+    for left in (old, recent):
+        left.mkdir()
+        (left / "trunk.so").touch()
+    os.utime(old, (0, 0))
+    module._compiled("avx512_bf16")
+    assert not old.exists()
+    assert recent.exists()
 
 
 def test_other_instructions_another_source_or_compiler_is_compiled_anew(
@@ -96,14 +161,6 @@ def test_without_a_compiler_it_is_told_what_to_install(
         library("avx512_bf16")
 
 
-def test_a_compiler_that_is_not_there_is_told(
-    compiler: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("CXX", "/nowhere/compiler")
-    with pytest.raises(NativeUnavailableError, match=r"cannot run: .*nowhere"):
-        library("avx512_bf16")
-
-
 @pytest.mark.parametrize("which", ["file", "folder"])
 @pytest.mark.parametrize("mode", [0o720, 0o702])
 def test_code_that_others_may_write_is_not_run(compiler: Path, which: str, mode: int) -> None:
@@ -135,10 +192,64 @@ def test_the_umask_does_not_decide_who_may_write_it(compiler: Path, mask: int) -
         os.umask(before)
 
 
+@pytest.mark.parametrize(
+    ("compiler_command", "told"),
+    [
+        ("g++ '", r"CXX is no command \(No closing quotation\)"),
+        ("true", "true made no file"),
+        ("/nowhere/compiler", r"cannot run: .*nowhere"),
+    ],
+)
+def test_a_compiler_that_is_none_is_told(
+    compiler_command: str, told: str, compiler: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("CXX", compiler_command)
+    with pytest.raises(NativeUnavailableError, match=told):
+        library("avx512_bf16")
+
+
+def test_a_blank_compiler_is_the_usual_one(compiler: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("CXX", " ")
+    monkeypatch.setenv("PATH", str(compiler.parent))
+    compiler.rename(compiler.with_name("c++"))
+    assert module._compiler() == ["c++"]
+
+
+def test_a_compilers_control_characters_do_not_reach_the_terminal(compiler: Path) -> None:
+    compiler.write_text(_COMPILER.replace("it does not compile", r"\033[2Jno \001" + 500 * "x"))
+    with pytest.raises(NativeUnavailableError) as told:
+        library("avx512_bf16")
+    assert str(told.value).isprintable()
+    assert len(str(told.value)) < 300
+
+
+def _living_groups() -> set[str]:
+    """Returns the process groups that have a process which is no zombie."""
+    groups = set()
+    for process in Path("/proc").glob("[0-9]*"):
+        with suppress(OSError):  # it has just ended
+            state, _, group = (process / "stat").read_text().rpartition(") ")[2].split()[:3]
+            groups |= {group} if state != "Z" else set()
+    return groups
+
+
+def test_a_compiler_that_hangs_ends_with_the_programs_that_it_started(
+    compiler: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "_SECONDS", 0.5)
+    # It reads what people type, if it can, and waits for a program that holds its output open.
+    hangs = 'read -r line && exit 0; echo $$ > "$(dirname "$0")/pid"; sleep 1000 | cat\n'
+    compiler.write_text(_COMPILER.replace("for last;", f"{hangs}for last;"))
+    with pytest.raises(NativeUnavailableError, match=r"did not end within 0 s"):
+        library("avx512_bf16")
+    group = compiler.with_name("pid").read_text().strip()
+    wait_until(lambda: group not in _living_groups(), "the programs of the compiler have ended")
+
+
 def test_a_compiler_may_have_arguments(compiler: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     compiler.with_name("made").write_text("code")
     monkeypatch.setenv("CXX", f"env {compiler}")
-    assert module._compiled("avx512_bf16").read_text() == "code"
+    assert module._compiled("avx512_bf16").read_bytes().startswith(b"code")
 
 
 @pytest.mark.parametrize("caches", ["", "relative"])
@@ -158,12 +269,13 @@ def test_a_home_that_cannot_be_written_is_told(
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
     with pytest.raises(NativeUnavailableError, match="Not a directory"):
         library("avx512_bf16")
+    monkeypatch.setenv("XDG_CACHE_HOME", "")
+    monkeypatch.setenv("HOME", "here")
+    with pytest.raises(NativeUnavailableError, match="HOME is not a whole path"):
+        library("avx512_bf16")
 
 
-@pytest.mark.skipif(
-    platform.machine() != "x86_64" or not any(map(shutil.which, module._COMPILERS)),
-    reason="needs a C++ compiler for x86-64",
-)
+@_NEEDS_COMPILER
 @pytest.mark.parametrize("instruction_set", get_args(InstructionSet))
 def test_the_source_compiles(instruction_set: InstructionSet, tmp_path: Path) -> None:
     """Also where the processor cannot run it."""
@@ -171,9 +283,40 @@ def test_the_source_compiles(instruction_set: InstructionSet, tmp_path: Path) ->
     assert (tmp_path / "trunk.so").stat().st_size > 10_000
 
 
-def test_a_file_that_is_no_library_is_made_anew_once_and_told(compiler: Path) -> None:
+@pytest.mark.skipif(shutil.which("objdump") is None, reason="needs objdump, of binutils")
+@_NEEDS_COMPILER
+@pytest.mark.parametrize(
+    ("instruction_set", "wide", "rounds"),
+    [("avx2", False, False), ("avx512", True, False), ("avx512_bf16", True, True)],
+)
+def test_it_has_no_instructions_beyond_its_set(
+    instruction_set: InstructionSet, wide: bool, rounds: bool, tmp_path: Path
+) -> None:
+    """They would end the process on the processors that it is for."""
+    module._compile(module._compiler(), instruction_set, tmp_path / "trunk.so")
+    told = subprocess.run(
+        ["objdump", "-d", "--no-show-raw-insn", tmp_path / "trunk.so"],
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout
+    assert "vfmadd" in told or rounds
+    assert ("%zmm" in told) is wide
+    assert ("%k1" in told) is wide
+    assert ("vdpbf16ps" in told) is rounds
+
+
+def test_a_file_that_is_no_library_is_told(compiler: Path) -> None:
     compiler.with_name("made").write_text("code")
-    module._compiled("avx512_bf16")
     with pytest.raises(NativeUnavailableError, match=r"trunk-.*: "):
         library("avx512_bf16")
-    assert builds(compiler) == 2
+
+
+@_NEEDS_COMPILER
+def test_a_library_of_something_else_is_told(compiler: Path, tmp_path: Path) -> None:
+    source = tmp_path / "other.cpp"
+    source.write_text("int other;")
+    command = ["c++", "-shared", "-fPIC", str(source), "-o", str(compiler.with_name("made"))]
+    subprocess.run(command, check=True)
+    with pytest.raises(NativeUnavailableError, match="undefined symbol: trunk_pixels"):
+        library("avx512_bf16")

@@ -1,5 +1,6 @@
 """Finding a run at a hub."""
 
+import logging
 import threading
 from dataclasses import replace
 from pathlib import Path
@@ -12,6 +13,7 @@ from common.errors import InputError, Unreachable
 from common.protocol.announcement import Announcement
 from common.protocol.run_keys import RunKeys
 from common.protocol.wire import SCHEMA, pack
+from common.run import join
 from common.run.config import RunConfig
 from common.run.join import find_run, patiently
 from common.run.presets import PRESETS
@@ -112,8 +114,25 @@ def test_who_shows_a_certificate_hears_that_it_may_be_of_no_use(client: Transpor
 
 def test_a_run_that_is_not_there_is_told_by_name(hub: Transport, client: Transport) -> None:
     announce(hub, "one", announcement("one", FAST))
-    with pytest.raises(InputError, match=r"^the hub serves no run called 'other'"):
+    announce(hub, "two", announcement("two", FAST))
+    told = "the hub serves no run called 'other', but one and two: name one with --run, or start a"
+    with pytest.raises(InputError, match=f"^{told} learner there"):
         find_run(client, "other", 0.0, never)
+
+
+def test_who_waits_for_a_run_hears_at_once_which_others_there_are(
+    hub: Transport,
+    client: Transport,
+    caplog: pytest.LogCaptureFixture,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    # The usual one tells the same seldom, and another test may just have heard it.
+    monkeypatch.setattr(join, "_log", logging.getLogger("join"))
+    announce(hub, "one", announcement("one", FAST))
+    asked = iter((False, False, True))
+    with pytest.raises(KeyboardInterrupt):
+        find_run(client, "other", PATIENCE, lambda: next(asked))
+    assert caplog.messages == ["the hub serves one, and no run called other"]
 
 
 def begins_after_two_looks(hub: Transport, run: str) -> Mock:

@@ -222,7 +222,7 @@ function source(id, data) {
 
 function showView(view, asked) {
   if (view === null) {
-    silent("It does not play now.");
+    silent("No new picture: it waits for the learner, or plays nothing now.");
     return;
   }
   $("silence").hidden = true;
