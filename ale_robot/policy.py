@@ -20,7 +20,7 @@ from common.run.clock import ClockConfig
 from common.run.conditions import CameraConfig, PlayConfig
 from common.run.config import MAX_SEED, RunConfig
 from common.run.fit import check_fit
-from common.run.origin import find_weights, origin_of
+from common.run.origin import find_weights, name_of, origin_of
 from common.run.rules import check_play, check_robot
 from learner.evaluation import offline
 from learner.evaluation.options import EPSILON, GAMES, EvaluationOptions
@@ -47,6 +47,9 @@ class TrainedPolicy:
         self.weights = find_weights(weights)
         self.config = settings_of(self.weights)
         self._policy = Policy.of_file(self.config, self.weights, epsilon, seed)
+
+    def __repr__(self) -> str:
+        return f"TrainedPolicy({name_of(self.weights)!r}), trained to play {self.config.played}"
 
     def make_env(
         self, *, play: PlayConfig | None = None, camera: CameraConfig | None = None

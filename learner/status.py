@@ -134,6 +134,11 @@ class Report:
                 "best test {play/best_test_reward}, random {play/random_reward}",
             ):
                 say(fill(line, values))
+            if not _has_actor(learner):
+                say(
+                    "warning: nobody plays: start an actor by "
+                    f"`ale-robot join --connect {self.endpoint}`"
+                )
             for check in learner.checks:
                 if check.passed is False and not check.stops:
                     value = written("significant", check.value)
@@ -142,6 +147,12 @@ class Report:
             say(f"RED: {reason}", "red")
         if not self.reasons:
             say("healthy", "green")
+
+
+def _has_actor(learner: RunStatus) -> bool:
+    """Returns whether an actor plays, or one of local mode starts."""
+    starting = learner.values.get("stream/actors_starting")
+    return bool(starting) or any(each.alive and each.role == "actor" for each in learner.actors)
 
 
 def _rows(learner: RunStatus | None) -> Iterator[tuple[str, ...]]:

@@ -51,6 +51,7 @@ def test_the_public_names_are_told() -> None:
 
 def test_a_shipped_policy_plays_in_its_own_environment() -> None:
     policy = ale_robot.load_policy("ale_pong")
+    assert repr(policy) == "TrainedPolicy('ale_pong'), trained to play pong (ale)"
     env = policy.make_env()
     observation, _ = env.reset(seed=1)
     values = policy.q_values(observation)

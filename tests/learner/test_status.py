@@ -173,6 +173,20 @@ def test_processes_that_have_not_joined_yet_have_a_row(client: Transport) -> Non
     assert rows == [["2 local"], []]
 
 
+def test_a_run_without_an_actor_is_told_how_to_start_one(client: Transport) -> None:
+    sink = StatusSink(client, KEYS)
+    advice = "nobody plays: start an actor by `ale-robot join --connect tcp/h:1`"
+    evaluator = ActorView(stats=ActorStats("e-1", "evaluator"), alive=True)
+    for present, told in (
+        (snapshot({}, actors=(evaluator,)), True),
+        (snapshot({}, actors=(NOW.present[1],)), True),
+        (snapshot({"stream/actors_starting": 1}), False),
+        (NOW, False),
+    ):
+        sink.write(present)
+        assert (advice in shown(ask(client, KEYS, "tcp/h:1"))) is told
+
+
 @pytest.mark.parametrize(
     "arguments", ["runs/r", "--json runs/r", "--connect tcp/h:1 runs/r", "runs/r runs/s --json"]
 )
