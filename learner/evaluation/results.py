@@ -91,6 +91,12 @@ def _hands(row: Mapping[str, Any]) -> str:
     )
 
 
+def _of_robot(row: Mapping[str, Any], share: str) -> str:
+    """Returns a share of a robot's steps; nothing without a robot, where both are 1."""
+    both = row["press_match_share"], row["valid_frame_share"]
+    return per_cent(row[share], 1) if _hands(row) or min(both) < 1 else ""
+
+
 def _mean(row: Mapping[str, Any]) -> str:
     """Returns the mean score, with its deviation if there are several games."""
     spread = f" ± {row['deviation']:.2f}" if row["games"] > 1 else ""
@@ -125,9 +131,9 @@ _LINES: tuple[tuple[str, Callable[[Mapping[str, Any]], str]], ...] = (
     ("median", lambda row: points(row["median"])),
     ("least, most", lambda row: f"{points(row['least'])}, {points(row['most'])}"),
     ("agent steps", lambda row: f"{row['steps']:,}"),
-    ("keys as commanded", lambda row: per_cent(row["press_match_share"], 1)),
+    ("keys as commanded", lambda row: _of_robot(row, "press_match_share")),
     ("command to keys, p50/p99 ms", _hands),
-    ("frames valid", lambda row: per_cent(row["valid_frame_share"], 1)),
+    ("frames valid", lambda row: _of_robot(row, "valid_frame_share")),
     ("time", _pace),
     ("game ÷ wall seconds", lambda row: f"{row['game_per_wall']:.2f}"),
     (

@@ -191,6 +191,14 @@ def test_a_headline_has_a_column_for_each_measure() -> None:
     ]
 
 
+def test_without_a_robot_its_figures_are_left_out() -> None:
+    perfect = {"press_match_share": 1.0, "valid_frame_share": 1.0}
+    content = summarise([game({})], SYNC) | ABOUT
+    robots = "keys as commanded" in printed(table(content | {"valid_frame_share": 0.5}))
+    assert robots
+    assert not {"keys", "frames"} & set(printed(table(content | perfect)).split())
+
+
 def test_brackets_in_a_path_or_a_setting_are_shown_as_they_are() -> None:
     change = "play.env_settings  → layers=[a] x=[/b]"
     content = summarise([game({3: 1})], SYNC) | ABOUT | {"weights": "[/w].st", "changed": [change]}
