@@ -178,6 +178,7 @@ function takePoints({curves: news, about, epochs, random}) {
 // ---------------------------------------------------------------- live pictures
 
 let viewpoint = "none";
+let pictured = "none"; // viewpoint of the picture that is shown
 
 function choices(actors) {
   const names = actors.filter(actor => !actor.gone).map(actor => `${actor.role}/${actor.name}`);
@@ -222,10 +223,12 @@ function source(id, data) {
 
 function showView(view, asked) {
   if (view === null) {
+    if (pictured !== asked) source("picture", null);
     silent("No new picture: it waits for the learner, or plays nothing now.");
     return;
   }
   $("silence").hidden = true;
+  pictured = asked;
   const outside = asked !== "none" && view.room;
   source("picture", outside ? view.room : view.picture || view.frame);
   source("camera", view.picture);
