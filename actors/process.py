@@ -42,7 +42,7 @@ def join(options: ActorOptions) -> None:
     """
     name = _name_of(options)
     # Now, for it may have to be compiled, before anybody waits for this actor.
-    if not options.evaluator and not _instruction_set(options):
+    if not _instruction_set(options):
         options = replace(options, kernel="torch")
     stop = threading.Event()
     on_signals(stop)
@@ -111,15 +111,17 @@ def network_of(config: RunConfig, actions: int, options: ActorOptions) -> QNetwo
     """Returns the run's network with its initial weights, as this process computes it. Raises
     InputError as `choose_kernel` does."""
     network = build_network(config, actions)
-    instruction_set = None if options.evaluator else _instruction_set(options, network)
+    instruction_set = _instruction_set(options, network)
     return NativeQNetwork(network, instruction_set) if instruction_set else network
 
 
 def _instruction_set(
     options: ActorOptions, network: QNetwork | None = None
 ) -> InstructionSet | None:
-    """Returns that of the compiled code for ``network``. Raises InputError as `choose_kernel`
-    does."""
+    """Returns that of the compiled code for ``network``; None for PyTorch, by which evaluators
+    compute. Raises InputError as `choose_kernel` does."""
+    if options.evaluator:
+        return None
     chosen = options.precision
     bfloat16 = bfloat16_is_faster() if chosen == "auto" else chosen == "bfloat16"
     return choose_kernel(options.kernel, bfloat16=bfloat16, network=network)

@@ -30,6 +30,7 @@ from benchmarks.replay import draw
 from benchmarks.report import BenchmarkOptions, Report, Table, main
 from common.checked import FromOne
 from common.native.kernel import instruction_sets
+from common.native.library import multiplies_bfloat16
 from common.network import build_network
 from common.process.allocator import keep_large_blocks
 from common.run.config import RunConfig
@@ -90,8 +91,7 @@ def precisions_of(chosen: Device) -> dict[str, Device]:
         "bfloat16": Device(chosen.torch, bfloat16=True),
     }
     for each in instruction_sets() if chosen.torch.type == "cpu" else ():
-        bfloat16 = each == "avx512_bf16"
-        devices[f"native, {each}"] = Device(chosen.torch, bfloat16, native=each)
+        devices[f"native, {each}"] = Device(chosen.torch, multiplies_bfloat16(each), native=each)
     return devices
 
 

@@ -3,7 +3,12 @@
 from typing import TYPE_CHECKING, Literal
 
 from common.errors import InputError
-from common.native.library import InstructionSet, NativeUnavailableError, library
+from common.native.library import (
+    InstructionSet,
+    NativeUnavailableError,
+    library,
+    multiplies_bfloat16,
+)
 from common.process.log_lines import say_aside
 
 if TYPE_CHECKING:
@@ -69,7 +74,7 @@ def choose_kernel(
     if kernel == "torch":
         return None
     asked = kernel == "native"
-    able = (each for each in instruction_sets() if (each == "avx512_bf16") == bfloat16)
+    able = (each for each in instruction_sets() if multiplies_bfloat16(each) is bfloat16)
     found = next(able, None)
     fits = network is None or NativeQNetwork.fits(network)
     slower = bfloat16 and torch.cpu.get_capabilities().get("amx_bf16")

@@ -24,7 +24,7 @@ from common.process.output import visible
 _SOURCE = Path(__file__).with_name("trunk.cpp")
 _FLAGS = ("-std=c++20", "-O3", "-ffp-contract=fast", "-shared", "-fPIC", "-pthread")
 InstructionSet = Literal["avx2", "avx512", "avx512_bf16"]
-"""What a library computes by. The last one multiplies bfloat16, the others float32."""
+"""What a library computes by."""
 _FLAGS_OF: dict[InstructionSet, tuple[str, ...]] = {
     "avx2": ("-march=x86-64-v3",),
     "avx512": ("-march=x86-64-v4",),
@@ -50,6 +50,11 @@ _ARGUMENTS = {
         *(c_long, c_int),
     ),
 }
+
+
+def multiplies_bfloat16(instruction_set: InstructionSet) -> bool:
+    """Returns whether its library multiplies bfloat16, and not float32."""
+    return instruction_set == "avx512_bf16"
 
 
 class NativeUnavailableError(Exception):

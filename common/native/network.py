@@ -9,7 +9,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn.functional import linear
 
-from common.native.library import InstructionSet, library
+from common.native.library import InstructionSet, library, multiplies_bfloat16
 from common.network import QNetwork
 
 _KERNELS = [((32, 4, 8, 8), (4, 4)), ((64, 32, 4, 4), (2, 2)), ((64, 64, 3, 3), (1, 1))]
@@ -49,7 +49,7 @@ class NativeQNetwork(QNetwork):
         nn.Module.__init__(self)
         self.__dict__.update(vars(master))  # its layers themselves, no copies
         self._library = library(instruction_set)
-        self.dtype = torch.bfloat16 if instruction_set == "avx512_bf16" else torch.float32
+        self.dtype = torch.bfloat16 if multiplies_bfloat16(instruction_set) else torch.float32
         """Type of the pixels that it takes."""
         self._trunk = c_void_p(self._library.trunk_new())
         free = weakref.finalize(self, self._library.trunk_free, self._trunk)

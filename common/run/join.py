@@ -70,10 +70,6 @@ def find_run(
     others: list[str] | None = None
     while True:
         found, unfit = _announced(transport, RunKeys(name or "*").config)
-        if name is not None and not found and others is None:
-            others = sorted(_announced(transport, RunKeys("*").config)[0])
-            if others:
-                _log.warning("the hub serves %s, and no run called %s", " and ".join(others), name)
         if len(found) > 1:
             raise InputError(
                 f"the hub serves several runs ({', '.join(sorted(found))}): name one with --run."
@@ -84,6 +80,10 @@ def find_run(
         over = time.monotonic() - began >= patience
         if unfit and (over or name is not None):
             raise unfit[min(unfit)]
+        if name is not None and others is None:
+            others = sorted(_announced(transport, RunKeys("*").config)[0])
+            if others:
+                _log.warning("the hub serves %s, and no run called %s", " and ".join(others), name)
         if stopped():
             raise KeyboardInterrupt
         if over:
