@@ -70,6 +70,7 @@ class Telemetry(AbstractContextManager["Telemetry"]):
         """The rows of all complete phases and tests."""
         self._ticks: deque[tuple[float, int, int, float]] = deque()
         """Seconds, and the agent steps, updates and processor seconds until then."""
+        self._warming_up = False
         self._notes: deque[str] = deque(maxlen=_NOTES)
 
     def start(self, rows: int = 0, resumed_at: int | None = None) -> None:
@@ -218,10 +219,10 @@ class Telemetry(AbstractContextManager["Telemetry"]):
         return left / rate if rate and left is not None else None
 
     def _seconds_to_goal(self, values: Values) -> float | None:
-        """Returns the time to the last agent step of the run; None if it, or the rate, is
-        unknown."""
+        """Returns the time to the last agent step of the run; None if it, or the rate with
+        updates, is unknown."""
         goal, rate = (number(values, key) for key in ("run/steps_goal", "stream/steps_per_second"))
-        if goal is None or not rate:
+        if goal is None or not rate or self._warming_up:
             return None
         return max(goal - self.phases.agent_steps, 0.0) / rate
 
@@ -239,6 +240,9 @@ class Telemetry(AbstractContextManager["Telemetry"]):
         over whole phases."""
         phases = self.phases
         now = self.now(), phases.agent_steps, phases.updates, time.process_time()
+        if self._warming_up and phases.epoch:
+            self._ticks.clear()  # without updates it was several times as fast
+        self._warming_up = not phases.epoch
         self._ticks.append(now)
         while now[0] - self._ticks[0][0] > _RATE_WINDOW:
             self._ticks.popleft()

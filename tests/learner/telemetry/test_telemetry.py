@@ -221,6 +221,7 @@ def test_an_event_is_told_once_and_kept_for_the_screen(tmp_path: Path) -> None:
 
 def test_rates_are_of_late_and_over_whole_phases(tmp_path: Path) -> None:
     run = Run(tmp_path)
+    run.phases.epoch = 1
     assert run.values()["stream/steps_per_second"] is None
     run.play(2)
     run.phases.updates = 40
@@ -238,6 +239,25 @@ def test_rates_are_of_late_and_over_whole_phases(tmp_path: Path) -> None:
     assert values["run/epochs_per_day"] == 69.12
     run.now += 14.0
     assert run.values()["stream/steps_per_second"] == 0.0
+
+
+def test_the_warm_up_tells_nothing_of_how_long_training_takes(tmp_path: Path) -> None:
+    run = Run(tmp_path)
+    goal: dict[str, Value] = {"run/steps_goal": 1_000}
+    run.phases.epoch = 0
+    run.values(**goal)
+    run.phases.agent_steps += 400
+    run.now += 3.0
+    values = run.values(**goal)
+    assert (values["stream/steps_per_second"], values["run/seconds_to_goal"]) == (100.0, None)
+    run.phases.epoch = 1
+    values = run.values(**goal)
+    assert (values["stream/steps_per_second"], values["run/seconds_to_goal"]) == (None, None)
+    run.phases.agent_steps += 30
+    run.now += 2.0
+    values = run.values(**goal)
+    left = 1_000 - run.phases.agent_steps
+    assert (values["stream/steps_per_second"], values["run/seconds_to_goal"]) == (10.0, left / 10)
 
 
 def test_what_the_learner_takes_of_its_machine_is_of_late(
@@ -263,10 +283,11 @@ def test_what_is_taken_of_the_gpu_is_among_the_figures(tmp_path: Path) -> None:
 
 def test_time_left_is_of_the_phase_and_then_of_the_tests(tmp_path: Path) -> None:
     run = Run(tmp_path)
+    run.phases.epoch = 1
     run.values()
     run.play(3)
     run.now += 4.0
-    assert run.values()["run/seconds_left"] == (200 - 50) / 30
+    assert run.values()["run/seconds_left"] == (200 - 150) / 30
     assert run.values()["run/seconds_to_goal"] is None
     for played, left in ((910, 90), (1_020, 0)):
         run.phases.agent_steps = played
