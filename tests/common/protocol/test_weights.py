@@ -12,7 +12,7 @@ from torch import Tensor, nn
 
 from common.errors import MessageError
 from common.network import QNetwork
-from common.protocol.weights import encode_weights, load_weights
+from common.protocol.weights import are_finite, encode_weights, load_weights
 
 
 def small(seed: int = 0) -> nn.Module:
@@ -161,3 +161,25 @@ def test_flipped_bytes_are_refused_or_make_other_finite_weights(data: st.DataObj
             assert torch.equal(value, before[name])
     else:
         assert all(torch.isfinite(value).all() for value in network.state_dict().values())
+
+
+@pytest.mark.parametrize(
+    ("numbers", "finite"),
+    [
+        ([1.0, -2.0], True),
+        ([3e38, 3e38], True),  # though their sum is not
+        ([3e38, 3e38, torch.nan], False),
+        ([torch.inf, 1.0], False),
+        ([torch.inf, -torch.inf], False),
+        ([torch.nan], False),
+    ],
+)
+def test_all_weights_have_to_be_finite(numbers: list[float], finite: bool) -> None:
+    weights = torch.tensor(numbers)
+    assert are_finite([torch.ones(3), weights]) is finite
+    assert are_finite([weights, torch.ones(3)]) is finite
+
+
+def test_weights_of_half_precision_are_summed_in_float32() -> None:
+    assert are_finite([torch.full((4,), 6e4, dtype=torch.float16)])
+    assert not are_finite([torch.tensor([6e4, torch.inf], dtype=torch.float16)])

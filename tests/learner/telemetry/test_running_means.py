@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from learner.algorithm.interface import Update
-from learner.telemetry.running_means import EVERY, HORIZON, RunningMeans
+from learner.telemetry.running_means import EVERY, HORIZON, PICTURES, RunningMeans
 from tests.learner.small_batches import random_batch
 
 TARGETS = torch.tensor([1.0, -1.0, 0.0, 0.0, 2.0, 0.0, 0.0, 0.0])
@@ -45,6 +45,14 @@ def test_means_weigh_the_latest_most() -> None:
         "learning/pixel_deviation": pixels,
     }
     assert means.values() == pytest.approx(expected, rel=1e-4)
+
+
+def test_some_pictures_of_a_large_minibatch_stand_for_all() -> None:
+    means, batch = RunningMeans(), random_batch(PICTURES + 8, seed=1)
+    batch.s_tm1[PICTURES:, -1] = 0
+    expected = batch.s_tm1[:PICTURES, -1].float().std(dim=(1, 2)).mean()
+    means.add(batch, updated(1.0, torch.ones(8)))
+    assert means.values()["learning/pixel_deviation"] == pytest.approx(float(expected))
 
 
 @pytest.mark.parametrize("target", [0.0, 0.5, 0.1, 0.3, -0.99, 3.3, 77.7])
