@@ -1,4 +1,4 @@
-"""The libraries of ``trunk.cpp``: each is compiled once for a user, kept, and loaded.
+"""The libraries of the C++ code here: each is compiled once for a user, kept, and loaded.
 
 `python -m common.native.library` compiles them into this folder instead, for an image without a
 compiler.
@@ -14,15 +14,20 @@ import subprocess
 import tempfile
 import time
 from contextlib import suppress
-from ctypes import CDLL, c_float, c_int, c_long, c_void_p
+from ctypes import CDLL, c_double, c_float, c_int, c_long, c_void_p
 from functools import cache
 from pathlib import Path
 from typing import Literal, get_args
 
 from common.process.output import visible
 
-_SOURCE = Path(__file__).with_name("trunk.cpp")
-_FLAGS = ("-std=c++20", "-O3", "-ffp-contract=fast", "-shared", "-fPIC", "-pthread")
+_HERE = Path(__file__).parent
+_SOURCES = ("trunk.cpp", "adam.cpp")
+_HEADERS = ("threads.h",)
+_FLAGS = (
+    *("-std=c++20", "-O3", "-ffp-contract=fast", "-fno-math-errno"),
+    *("-shared", "-fPIC", "-pthread"),
+)
 InstructionSet = Literal["avx2", "avx512", "avx512_bf16"]
 """What a library computes by."""
 _FLAGS_OF: dict[InstructionSet, tuple[str, ...]] = {
@@ -49,6 +54,7 @@ _ARGUMENTS = {
         *(c_void_p, c_void_p, c_long, c_void_p, c_void_p, c_void_p),
         *(c_long, c_int),
     ),
+    "adam_step": (*(c_void_p,) * 5, c_int, *(c_double,) * 6, c_int),
 }
 
 
@@ -89,7 +95,7 @@ def _whole(instruction_set: InstructionSet) -> Path:
     content = path.read_bytes()
     if _DIGEST(content[:-size]).digest() == content[-size:]:
         return path
-    if path.parent == _SOURCE.parent:
+    if path.parent == _HERE:
         raise NativeUnavailableError(f"{path} is damaged: install the package again")
     path.unlink(missing_ok=True)
     return _compiled(instruction_set)
@@ -97,7 +103,7 @@ def _whole(instruction_set: InstructionSet) -> Path:
 
 def _compiled(instruction_set: InstructionSet) -> Path:
     """Returns the compiled file. Raises OSError or NativeUnavailableError."""
-    shipped = _SOURCE.with_name(_name(instruction_set))
+    shipped = _HERE / _name(instruction_set)
     if shipped.exists():
         return shipped
     compiler = _compiler()
@@ -110,8 +116,9 @@ def _compiled(instruction_set: InstructionSet) -> Path:
 
 def _name(instruction_set: InstructionSet, compiler: str = "") -> str:
     """Returns the name of what ``compiler``, by its version, makes of the present source."""
-    told = "\n".join((_SOURCE.read_text(), *_FLAGS, *_FLAGS_OF[instruction_set], compiler))
-    return f"trunk-{instruction_set}-{hashlib.sha256(told.encode()).hexdigest()[:16]}.so"
+    code = [(_HERE / each).read_text() for each in (*_SOURCES, *_HEADERS)]
+    told = "\n".join((*code, *_FLAGS, *_FLAGS_OF[instruction_set], compiler))
+    return f"kernel-{instruction_set}-{hashlib.sha256(told.encode()).hexdigest()[:16]}.so"
 
 
 def _compiler() -> list[str]:
@@ -131,7 +138,8 @@ def _compile(compiler: list[str], instruction_set: InstructionSet, path: Path) -
     with tempfile.TemporaryDirectory(dir=path.parent, prefix=_TEMPORARY) as folder:
         made = Path(folder, path.name)
         flags = *_FLAGS, *_FLAGS_OF[instruction_set]
-        _run([*compiler, *flags, str(_SOURCE), "-o", str(made)], _SECONDS)
+        sources = [str(_HERE / each) for each in _SOURCES]
+        _run([*compiler, *flags, *sources, "-o", str(made)], _SECONDS)
         if not made.is_file():
             raise NativeUnavailableError(f"{compiler[0]} made no file")
         with made.open("rb+") as file:
@@ -201,4 +209,4 @@ def _run(command: list[str], seconds: float) -> str:
 
 if __name__ == "__main__":
     for _each in get_args(InstructionSet):
-        _compile(_compiler(), _each, _SOURCE.with_name(_name(_each)))
+        _compile(_compiler(), _each, _HERE / _name(_each))

@@ -84,7 +84,7 @@ class NativeQNetwork(QNetwork):
     def pack(self) -> None:
         """Takes over the present weights."""
         self._library.trunk_pack(
-            *(self._trunk, _addresses(self._weights), _addresses(self._biases)),
+            *(self._trunk, addresses(self._weights), addresses(self._biases)),
             *(self.hidden.in_features, self.pixel_scale, torch.get_num_threads()),
         )
 
@@ -145,7 +145,7 @@ class NativeQNetwork(QNetwork):
         of_units = kept.units.grad.contiguous()
         self._library.trunk_backward(
             *(self._trunk, kept.pixels.data_ptr(), len(of_units), of_units.data_ptr()),
-            *(_addresses(weights), _addresses(biases)),
+            *(addresses(weights), addresses(biases)),
             *(self.hidden.in_features, torch.get_num_threads()),
         )
         if kept.vector_weight.grad is not None:
@@ -169,6 +169,6 @@ def _frames_of(pixels: Tensor) -> Tensor:
     return blocks.permute(0, 3, 1, 4, 2, 5).reshape(-1, *_FRAMES)
 
 
-def _addresses(tensors: Sequence[Tensor]) -> object:
-    """Returns the addresses of ``tensors`` as C has them."""
+def addresses(tensors: Sequence[Tensor]) -> object:
+    """Returns the addresses of ``tensors`` as C takes them; they must outlive the call."""
     return (c_void_p * len(tensors))(*(each.data_ptr() for each in tensors))

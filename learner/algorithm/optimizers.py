@@ -1,11 +1,14 @@
 """The optimizers of the presets, and the bound on their gradients."""
 
 from collections.abc import Iterable, Mapping, Sequence
+from ctypes import CDLL, c_long
 
 import torch
 from torch import Tensor, nn
 from torch.nn.utils import clip_grads_with_norm_, get_total_norm
 
+from common.native.library import InstructionSet, library
+from common.native.network import addresses
 from common.run.config import LearningConfig
 
 _LONG_AGO = 1e9
@@ -15,10 +18,17 @@ _LONG_AGO = 1e9
 class BoundedOptimizer:
     """The optimizer that ``config`` names, with a bound on the common norm of all gradients."""
 
-    def __init__(self, parameters: Iterable[nn.Parameter], config: LearningConfig) -> None:
+    def __init__(
+        self,
+        parameters: Iterable[nn.Parameter],
+        config: LearningConfig,
+        native: InstructionSet | None = None,
+    ) -> None:
+        """Builds the optimizer; its arithmetic is PyTorch's, or that of the compiled code."""
         self._parameters = list(parameters)
         self._optimizer = build_optimizer(self._parameters, config)
         self._config = config
+        self._library = library(native) if native else None
 
     def set_rate(self, updates: int) -> None:
         """Sets the learning rate to its value after ``updates`` of the run."""
@@ -31,11 +41,52 @@ class BoundedOptimizer:
 
     def step(self, loss: Tensor) -> None:
         """Moves the parameters by their gradients, unless the scalar ``loss`` is not finite."""
+        if self._library is not None and (gradients := self._gradients()) is not None:
+            if loss.isfinite():
+                self._step_natively(self._library, gradients)
+            return
         if self._config.gradient_norm:
             clip_gradients(self._parameters, self._config.gradient_norm)
         # The kernel itself checks this, so nothing waits for the device.
         self._optimizer.found_inf = (~loss.isfinite()).float()  # type: ignore[attr-defined]
         self._optimizer.step()
+
+    def _gradients(self) -> list[Tensor] | None:
+        """Returns all gradients if each lies in memory as its parameter does, else None."""
+        found = [p.grad for p in self._parameters if p.grad is not None]
+        if len(found) < len(self._parameters):
+            return None
+        alike = (
+            gradient.stride() == p.stride() and gradient.dtype == p.dtype == torch.float32
+            for p, gradient in zip(self._parameters, found, strict=True)
+        )
+        return found if all(alike) else None
+
+    @torch.no_grad()
+    def _step_natively(self, library: CDLL, gradients: Sequence[Tensor]) -> None:
+        """Does what PyTorch's optimizer does, in one pass over memory (``adam.cpp``)."""
+        group, states = self._optimizer.param_groups[0], self._optimizer.state
+        for weight in self._parameters:
+            if not states[weight]:
+                states[weight] = new_slots(weight, steps=0)
+        slots = [states[weight] for weight in self._parameters]
+        torch._foreach_add_([each["step"] for each in slots], 1)
+        steps, (beta1, beta2) = float(slots[0]["step"]), group["betas"]
+        library.adam_step(
+            addresses(self._parameters),
+            addresses(gradients),
+            addresses([each["exp_avg"] for each in slots]),
+            addresses([each["exp_avg_sq"] for each in slots]),
+            (c_long * len(slots))(*(weight.numel() for weight in self._parameters)),
+            len(slots),
+            self._config.gradient_norm,
+            group["lr"] / (1 - beta1**steps),
+            beta1,
+            beta2,
+            (1 - beta2**steps) ** -0.5,
+            group["eps"],
+            torch.get_num_threads(),
+        )
 
     def state(self) -> dict[str, Tensor]:
         """Returns the slots of each parameter as ``optimizer.INDEX.SLOT``."""
@@ -46,16 +97,20 @@ class BoundedOptimizer:
         }
 
     def load_state(self, state: Mapping[str, Tensor]) -> None:
-        """Restores the slots in ``state``, which may hold other tensors too."""
+        """Restores the slots in ``state``, which may hold other tensors too. Raises ValueError for
+        those of other parameters."""
         slots: dict[int, dict[str, Tensor]] = {}
-        for name, value in state.items():
-            if name.startswith("optimizer."):
-                _, index, slot = name.split(".")
-                like = self._parameters[int(index)]
-                if value.shape == like.shape:
-                    # In the parameter's own memory layout, or the fused kernel would be slow.
-                    value = torch.empty_like(like).copy_(value).detach()
-                slots.setdefault(int(index), {})[slot] = value
+        for index, weight in enumerate(self._parameters):
+            like = new_slots(weight, steps=0)
+            names = {slot: f"optimizer.{index}.{slot}" for slot in like}
+            if not any(name in state for name in names.values()):
+                continue  # before the first step
+            for slot, name in names.items():
+                if name not in state or state[name].shape != like[slot].shape:
+                    raise ValueError(f"its {name} is missing, or of another shape")
+                # In the parameter's own memory layout, or the step would be slow.
+                like[slot].copy_(state[name])
+            slots[index] = like
         groups = self._optimizer.state_dict()["param_groups"]
         self._optimizer.load_state_dict({"state": slots, "param_groups": groups})
 
@@ -91,12 +146,18 @@ def build_optimizer(
     # Adam is RMSprop if β1 is 0, so that gradients are their own means, and if its first step is
     # long ago, so that it no longer corrects its second means.
     for weight in weights:
-        optimizer.state[weight] = {
-            "step": torch.tensor(_LONG_AGO, device=weight.device),
-            "exp_avg": torch.zeros_like(weight),
-            "exp_avg_sq": torch.zeros_like(weight),
-        }
+        optimizer.state[weight] = new_slots(weight, _LONG_AGO)
     return optimizer
+
+
+def new_slots(weight: Tensor, steps: float) -> dict[str, Tensor]:
+    """Returns what Adam keeps of ``weight``, by PyTorch's names, as after ``steps`` without
+    gradients."""
+    return {
+        "step": torch.tensor(float(steps), device=weight.device),
+        "exp_avg": torch.zeros_like(weight),
+        "exp_avg_sq": torch.zeros_like(weight),
+    }
 
 
 def clip_gradients(parameters: Sequence[nn.Parameter], longest: float) -> None:

@@ -51,7 +51,7 @@ class ValueBased:
         self._target = TargetNetwork(self.online, device)
         self._published = EmaNetwork(self.online, config.weights_average)
         self._precision = precision_of(self.online, device)
-        self._optimizer = BoundedOptimizer(self.online.parameters(), config)
+        self._optimizer = BoundedOptimizer(self.online.parameters(), config, device.native)
         self._graphs = device.graphs
         self._step = self._new_step()
         self._target_update_period = config.target_update_period

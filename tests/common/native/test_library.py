@@ -42,6 +42,16 @@ def compiler(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     library.cache_clear()
 
 
+def package(parent: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The folder of a package with a copy of the code, which the module takes for its own."""
+    folder = parent / "package"
+    folder.mkdir(parents=True)
+    for file in (*module._SOURCES, *module._HEADERS):
+        (folder / file).write_bytes(Path(module.__file__).with_name(file).read_bytes())
+    monkeypatch.setattr(module, "_HERE", folder)
+    return folder
+
+
 def builds(compiler: Path) -> int:
     return sum("-o" in line for line in compiler.with_name("calls").read_text().splitlines())
 
@@ -88,11 +98,7 @@ def test_a_damaged_file_is_made_anew(compiler: Path, kept: int) -> None:
 def test_a_damaged_file_of_the_package_is_told_and_kept(
     compiler: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    source = tmp_path / "package" / "trunk.cpp"
-    source.parent.mkdir()
-    source.write_text("source")
-    monkeypatch.setattr(module, "_SOURCE", source)
-    shipped = source.with_name(module._name("avx512_bf16"))
+    shipped = package(tmp_path, monkeypatch) / module._name("avx512_bf16")
     shipped.write_text("half")
     with pytest.raises(NativeUnavailableError, match="is damaged: install the package again"):
         library("avx512_bf16")
@@ -105,7 +111,7 @@ def test_what_a_killed_compilation_left_is_removed_in_time(compiler: Path) -> No
     old, recent = (folder / f"{module._TEMPORARY}{age}" for age in ("old", "recent"))
     for left in (old, recent):
         left.mkdir()
-        (left / "trunk.so").touch()
+        (left / "kernel.so").touch()
     os.utime(old, (0, 0))
     module._compiled("avx512_bf16")
     assert not old.exists()
@@ -117,28 +123,24 @@ def test_other_instructions_another_source_or_compiler_is_compiled_anew(
 ) -> None:
     compiler.with_name("made").write_text("code")
     paths = {module._compiled("avx512_bf16")}
-    changed = tmp_path / "trunk.cpp"
-    changed.write_text("another")
-    monkeypatch.setattr(module, "_SOURCE", changed)
-    paths.add(module._compiled("avx512_bf16"))
+    for number, file in enumerate((*module._SOURCES, *module._HEADERS)):
+        (package(tmp_path / str(number), monkeypatch) / file).write_text("another")
+        paths.add(module._compiled("avx512_bf16"))
     compiler.write_text(_COMPILER.replace("1.0", "2.0"))
     paths |= {module._compiled("avx512_bf16"), module._compiled("avx2")}
-    assert len(paths) == builds(compiler) == 4
+    assert len(paths) == builds(compiler) == 6
 
 
 def test_a_shipped_file_needs_no_compiler(
     compiler: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     compiler.with_name("made").write_text("code")
-    source = tmp_path / "package" / "trunk.cpp"
-    source.parent.mkdir()
-    source.write_text("source")
-    monkeypatch.setattr(module, "_SOURCE", source)
-    shipped = source.with_name(module._name("avx512_bf16"))
+    folder = package(tmp_path, monkeypatch)
+    shipped = folder / module._name("avx512_bf16")
     module._compile(module._compiler(), "avx512_bf16", shipped)
     monkeypatch.setenv("CXX", "/nowhere/compiler")
     assert module._compiled("avx512_bf16") == shipped
-    source.write_text("changed")  # the former file is not that of this source
+    (folder / "trunk.cpp").write_text("changed")  # the former file is not that of this source
     with pytest.raises(NativeUnavailableError, match="cannot run"):
         module._compiled("avx512_bf16")
 
@@ -279,8 +281,8 @@ def test_a_home_that_cannot_be_written_is_told(
 @pytest.mark.parametrize("instruction_set", get_args(InstructionSet))
 def test_the_source_compiles(instruction_set: InstructionSet, tmp_path: Path) -> None:
     """Also where the processor cannot run it."""
-    module._compile(module._compiler(), instruction_set, tmp_path / "trunk.so")
-    assert (tmp_path / "trunk.so").stat().st_size > 10_000
+    module._compile(module._compiler(), instruction_set, tmp_path / "kernel.so")
+    assert (tmp_path / "kernel.so").stat().st_size > 10_000
 
 
 @pytest.mark.skipif(shutil.which("objdump") is None, reason="needs objdump, of binutils")
@@ -293,9 +295,9 @@ def test_it_has_no_instructions_beyond_its_set(
     instruction_set: InstructionSet, wide: bool, rounds: bool, tmp_path: Path
 ) -> None:
     """They would end the process on the processors that it is for."""
-    module._compile(module._compiler(), instruction_set, tmp_path / "trunk.so")
+    module._compile(module._compiler(), instruction_set, tmp_path / "kernel.so")
     told = subprocess.run(
-        ["objdump", "-d", "--no-show-raw-insn", tmp_path / "trunk.so"],
+        ["objdump", "-d", "--no-show-raw-insn", tmp_path / "kernel.so"],
         capture_output=True,
         text=True,
         check=True,
@@ -308,7 +310,7 @@ def test_it_has_no_instructions_beyond_its_set(
 
 def test_a_file_that_is_no_library_is_told(compiler: Path) -> None:
     compiler.with_name("made").write_text("code")
-    with pytest.raises(NativeUnavailableError, match=r"trunk-.*: "):
+    with pytest.raises(NativeUnavailableError, match=r"kernel-.*: "):
         library("avx512_bf16")
 
 

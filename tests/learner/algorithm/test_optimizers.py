@@ -1,13 +1,23 @@
 """The optimizers against their formulas, step by step in plain Python."""
 
 import math
+from dataclasses import replace
+from itertools import product
 
 import pytest
 import torch
+from torch import Tensor, nn
 
+from common.native.library import InstructionSet
 from common.run.config import LearningConfig
 from learner.algorithm.optimizers import BoundedOptimizer, build_optimizer, clip_gradients
+from tests.native import INSTRUCTION_SETS
 
+LOSS = torch.tensor(1.0)
+ADAM = LearningConfig(optimizer="adam", learning_rate=0.01, optimizer_epsilon=1.5e-4)
+RMSPROP = LearningConfig(
+    optimizer="rmsprop", learning_rate=0.01, rmsprop_decay=0.9, optimizer_epsilon=0.01
+)
 GRADIENTS = [0.3, -1.2, 0.05, 2.0, 0.0, -0.7]
 
 
@@ -91,3 +101,143 @@ def test_what_is_restored_lies_in_memory_as_its_weights_do() -> None:
     for name, value in other.state().items():
         assert torch.equal(value, saved[name])
         assert value.ndim == 0 or value.stride() == weight.stride()
+
+
+@pytest.fixture(params=INSTRUCTION_SETS)
+def native(request: pytest.FixtureRequest) -> InstructionSet:
+    chosen: InstructionSet = request.param
+    return chosen
+
+
+def weights_of_many_shapes() -> list[nn.Parameter]:
+    """Of one number, of some more than a thread takes at a time, and channels-last."""
+    generator = torch.Generator().manual_seed(1)
+    sizes = [(1,), (7, 5), (3, 16_385), (8, 4, 3, 3)]
+    weights = [torch.randn(*size, generator=generator) for size in sizes]
+    weights[-1] = weights[-1].to(memory_format=torch.channels_last)
+    return [nn.Parameter(each) for each in weights]
+
+
+def take_step(
+    optimizer: BoundedOptimizer, weights: list[nn.Parameter], seed: int, loss: Tensor = LOSS
+) -> None:
+    generator = torch.Generator().manual_seed(seed)
+    for weight in weights:
+        size = 10.0 ** (seed % 4 - 2)  # together both above and below the bound
+        drawn = size * torch.randn(weight.shape, generator=generator)
+        weight.grad = torch.empty_like(weight).copy_(drawn).detach()
+    optimizer.step(loss)
+
+
+@pytest.mark.parametrize(
+    ("config", "bound", "threads"), list(product((ADAM, RMSPROP), (0.0, 1.0, 300.0), (1, 2)))
+)
+def test_the_compiled_step_is_pytorchs(
+    config: LearningConfig, bound: float, threads: int, native: InstructionSet
+) -> None:
+    config = replace(config, gradient_norm=bound)
+    ours, theirs = weights_of_many_shapes(), weights_of_many_shapes()
+    before = [weight.detach().clone() for weight in ours]
+    compiled, plain = BoundedOptimizer(ours, config, native), BoundedOptimizer(theirs, config)
+    used = torch.get_num_threads()
+    try:
+        torch.set_num_threads(threads)
+        for seed in range(20):
+            take_step(compiled, ours, seed)
+            take_step(plain, theirs, seed)
+    finally:
+        torch.set_num_threads(used)
+    for our, their, first in zip(ours, theirs, before, strict=True):
+        assert not torch.equal(our, first)
+        torch.testing.assert_close(our, their, rtol=2e-5, atol=2e-6)
+    kept = plain.state()
+    for name, value in compiled.state().items():
+        # The means of RMSprop are the gradients themselves, and are not needed.
+        if config.optimizer == "adam" or not name.endswith("exp_avg"):
+            torch.testing.assert_close(value, kept[name], rtol=1e-5, atol=1e-6)
+
+
+@pytest.mark.parametrize("config", [ADAM, RMSPROP])
+def test_the_compiled_step_is_that_of_the_formula(
+    config: LearningConfig, native: InstructionSet
+) -> None:
+    weight = nn.Parameter(torch.tensor([0.5]))
+    optimizer = BoundedOptimizer([weight], replace(config, gradient_norm=0.0), native)
+    found = []
+    for gradient in GRADIENTS:
+        weight.grad = torch.tensor([gradient])
+        optimizer.step(LOSS)
+        found.append(float(weight.detach()))
+    assert found == pytest.approx(_steps(config), rel=1e-5)
+
+
+@pytest.mark.parametrize("config", [ADAM, RMSPROP])
+def test_either_goes_on_from_what_the_other_kept(
+    config: LearningConfig, native: InstructionSet
+) -> None:
+    weights, expected = weights_of_many_shapes(), weights_of_many_shapes()
+    whole = BoundedOptimizer(expected, config)
+    state: dict[str, Tensor] = {}
+    for seed, kind in enumerate((None, native, None, native)):
+        optimizer = BoundedOptimizer(weights, config, kind)
+        if state:
+            optimizer.load_state(state)
+        take_step(optimizer, weights, seed)
+        take_step(whole, expected, seed)
+        state = {name: value.contiguous() for name, value in optimizer.state().items()}
+    for one, other in zip(weights, expected, strict=True):
+        torch.testing.assert_close(one, other, rtol=2e-5, atol=2e-6)
+
+
+@pytest.mark.parametrize("loss", [math.nan, math.inf, -math.inf])
+def test_a_loss_that_is_not_finite_moves_nothing(loss: float, native: InstructionSet) -> None:
+    for kind in (native, None):
+        weights = weights_of_many_shapes()
+        optimizer = BoundedOptimizer(weights, ADAM, kind)
+        take_step(optimizer, weights, 0)
+        before = [weight.detach().clone() for weight in weights]
+        kept = {name: value.clone() for name, value in optimizer.state().items()}
+        take_step(optimizer, weights, 1, torch.tensor(loss))
+        for weight, value in zip(weights, before, strict=True):
+            assert torch.equal(weight, value)
+        for name, value in optimizer.state().items():
+            assert torch.equal(value, kept[name])
+
+
+@pytest.mark.parametrize("what", ["missing", "another layout"])
+def test_gradients_that_the_compiled_step_does_not_know_are_pytorchs(
+    what: str, native: InstructionSet
+) -> None:
+    found = []
+    for kind in (native, None):
+        weights = weights_of_many_shapes()
+        optimizer = BoundedOptimizer(weights, ADAM, kind)
+        for seed in range(3):
+            for weight in weights:
+                weight.grad = torch.full_like(weight, 0.1 + seed)
+            if what == "missing":
+                weights[1].grad = None
+            else:
+                weights[1].grad = torch.arange(35.0).reshape(5, 7).t() / 35
+            optimizer.step(LOSS)
+        found.append(weights)
+    for ours, theirs in zip(*found, strict=True):
+        torch.testing.assert_close(ours, theirs, rtol=1e-5, atol=1e-6)
+
+
+def test_slots_of_other_parameters_are_refused() -> None:
+    """The compiled step would read and write beyond them."""
+    weights = weights_of_many_shapes()
+    optimizer = BoundedOptimizer(weights, ADAM)
+    take_step(optimizer, weights, 0)
+    state = optimizer.state()
+    for name, wrong in (
+        ("optimizer.1.exp_avg", torch.zeros(5, 7)),
+        ("optimizer.1.exp_avg_sq", torch.zeros(())),
+        ("optimizer.3.step", torch.zeros(2)),
+    ):
+        with pytest.raises(ValueError, match=f"its {name} is missing, or of another shape"):
+            optimizer.load_state(state | {name: wrong})
+        lacking = {key: value for key, value in state.items() if key != name}
+        with pytest.raises(ValueError, match=f"its {name} is missing"):
+            optimizer.load_state(lacking)
