@@ -27,7 +27,7 @@ _UNTIL_TEST = 10.0
 
 @dataclass(frozen=True)
 class Options(Setting):
-    """Measure local mode's real processes at the 2017 ratio of updates to steps."""
+    """Measure local mode's real processes at the 2017 ratio of samples to steps."""
 
     seconds: Seconds = 20.0
     """Length of each of the three windows, in seconds; starting and settling take as long or
@@ -132,7 +132,7 @@ def measure(options: Options) -> Report:
             f"{paces.epochs_per_day_overlapped:.1f} as local mode does it, side by side."
         )
     return Report.of(
-        f"Local mode, {options}, actors: {options.actors}, batches of 32, an update per 4 steps "
+        f"Local mode, {options}, actors: {options.actors} "
         "(samples per insert; staleness in updates, p50; CPU of learner + actors + evaluator)",
         [row("idle", paces.training), row("testing", paces.testing)],
         summary(options, paces),

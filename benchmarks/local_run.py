@@ -23,6 +23,7 @@ from benchmarks.report import BenchmarkOptions
 from common.checked import FromOne
 from common.protocol.actor_stats import ActorStats
 from common.run.clock import ClockConfig
+from common.run.presets import PRESETS, PresetName
 from common.transport.interface import Envelope
 from replay.chunk_statistics import ChunkStatistics
 from replay.limiter import RateLimiter
@@ -53,18 +54,26 @@ class Setting(BenchmarkOptions):
     """More flags for `python -m learner`, as in --learner="--threads 2"."""
 
     def __str__(self) -> str:
-        return f"{self.game} ({self.env}){self.clock}"
+        learning = PRESETS[self.preset].learning
+        return (
+            f"{self.game} ({self.env}){self.clock}, batches of {learning.batch_size}, an update per "
+            f"{learning.train_period} steps"
+        )
+
+    @property
+    def preset(self) -> PresetName:
+        """The preset for the environment; each draws a step eight times, as in 2017."""
+        return "paper" if self.env == "ale" else "robot"
 
     def check(self) -> None:
         super().check()
         self.clock.check(self.env)
 
     def flags(self) -> list[str]:
-        """Returns the flags of `python -m learner`, with the 2017 ratio of updates to steps."""
+        """Returns the flags of `python -m learner`, with the 2017 ratio of samples to steps."""
         return [
-            *("--preset", "paper" if self.env == "ale" else "robot"),
+            *("--preset", self.preset),
             *("--env", self.env, "--game", self.game),
-            *("--learning.batch-size", "32", "--learning.train-period", "4"),
             *("--actors", str(self.actors), "--evaluators", str(self.evaluators)),
             *self.clock.flags(),
             *("--replay.capacity", "100000", "--replay.learning-starts", str(_WARMUP)),

@@ -45,7 +45,7 @@ def measure(options: Options) -> Report:
         measured.append(summary(setting, paces_of(setting, options.seconds)))
         print(f"{actors}: {measured[-1]['train_steps_per_second']:.1f} steps/s", flush=True)
     return Report.of(
-        f"Local mode, {options}, batches of 32, an update per 4 steps (samples per insert; "
+        f"Local mode, {options} (samples per insert; "
         "staleness in updates, p50; epochs a day with tests after training, and beside it)",
         [row(each) for each in measured],
         {"scaling": measured},
