@@ -23,7 +23,8 @@ from benchmarks.report import BenchmarkOptions
 from common.checked import FromOne
 from common.protocol.actor_stats import ActorStats
 from common.run.clock import ClockConfig
-from common.run.presets import PRESETS, PresetName
+from common.run.config import PresetName
+from common.run.presets import PRESETS
 from common.transport.interface import Envelope
 from replay.chunk_statistics import ChunkStatistics
 from replay.limiter import RateLimiter
@@ -56,8 +57,8 @@ class Setting(BenchmarkOptions):
     def __str__(self) -> str:
         learning = PRESETS[self.preset].learning
         return (
-            f"{self.game} ({self.env}){self.clock}, batches of {learning.batch_size}, an update per "
-            f"{learning.train_period} steps"
+            f"{self.game} ({self.env}){self.clock}, batches of {learning.batch_size}, "
+            f"an update per {learning.train_period} steps"
         )
 
     @property
