@@ -44,11 +44,11 @@ HELP = {
 Watch a trained robot play in this terminal.
 
   ale-robot watch                                  the shipped robot at Pong
-  ale-robot watch runs/NAME                        the newest network of a run
+  ale-robot watch RUN                              the newest network of a run
   ale-robot watch ale_pong                         the emulator, without a robot
   ale-robot watch robot_pong_robust --camera.noise 20   a camera with noise
 
-  NAME|FILE            network: robot_pong, ale_pong, a run's folder or a file
+  NAME|FILE            network: robot_pong, ale_pong, a run or a file
   --game GAME          game to play, such as breakout
   --epsilon SHARE      share of random actions, 0 to 1
   --games N            number of games; 0, the default, plays until you press q
@@ -172,7 +172,7 @@ Record a network's games as a LeRobot dataset.
   ale-robot record ale_pong -o FOLDER --games 3
   ale-robot train --demonstrations FOLDER          start a run with them
 
-  NAME|FILE            network: robot_pong, ale_pong, a run's folder or a file
+  NAME|FILE            network: robot_pong, ale_pong, a run or a file
   -o FOLDER            folder of the recording, which must not exist yet
   --games N            number of whole games
   --minutes M          minutes of game time, instead of whole games
@@ -199,10 +199,10 @@ Film a game, or a run's progress: room, camera, hands and network.
   ale-robot film                                   writes film.mp4
   ale-robot film ale_pong --seconds 20 --video short.gif
   ale-robot film runs/NAME/snapshots/best.safetensors --video best.mp4
-  ale-robot film runs/NAME                         each epoch of a run that was
+  ale-robot film RUN                               each epoch of a run that was
                                                    trained with --keep-snapshots
 
-  NAME|FILE            network that plays; a run's folder films its epochs
+  NAME|FILE            network that plays; a run is filmed by its epochs
   --camera.*, --play.*      another camera, light, screen, hands or chance
   --video FILE         film: .mp4, or .gif of at most 120 s
   --seconds S          seconds of play: by default a whole game, or, of a run,
@@ -215,7 +215,7 @@ Evaluate a network over whole games, in several processes.
   ale-robot evaluate runs/NAME/snapshots/best.safetensors --headline --json FILE
   ale-robot evaluate robot_pong --camera.noise 8   under camera noise
 
-  NAME|FILE            network: a shipped policy, a run's folder or a file
+  NAME|FILE            network: a shipped policy, a run or a file
   --games N            number of games
   --headline           two more scores: 5 % random actions, and sticky actions
   --epsilon SHARE      share of random actions, 0 to 1
@@ -226,8 +226,8 @@ Evaluate a network over whole games, in several processes.
     "plot": """\
 Plot runs: reward and mean max-Q by epoch.
 
-  ale-robot plot runs/A runs/B -o figure.png
-  ale-robot plot runs/A --figure progress --phase train -o figure.png
+  ale-robot plot A B -o figure.png
+  ale-robot plot A --figure progress --phase train -o figure.png
   ale-robot plot evaluation.json --figure histogram -o figure.png
 
   --figure NAME        epochs, progress (by steps and time) or histogram
@@ -239,7 +239,7 @@ Plot runs: reward and mean max-Q by epoch.
     "backup": """\
 Copy a run, even while it is training, to continue it elsewhere.
 
-  ale-robot backup runs/NAME -o /mnt/backup/NAME
+  ale-robot backup NAME -o /mnt/backup/NAME
   ale-robot train --runs /mnt/backup --run NAME --resume       continue the copy
 
   -o FOLDER            folder of the copy, which must not exist yet

@@ -50,9 +50,10 @@ def back_up(options: BackupOptions, stop: threading.Event) -> Path:
             ``stop`` was set; there is no copy then.
         OSError: a file cannot be read or written, as on a full disk; there is no copy then.
     """
-    source = RunFolder.at(options.run.resolve())
-    if source is None:
-        raise InputError(f"{options.run} is not a run: name a run's folder, such as runs/first.")
+    run = RunFolder.at(options.run)
+    if run is None:
+        raise InputError(f"{options.run} is not a run: name one, such as first, or its folder.")
+    source = RunFolder(run.path.resolve().parent, run.name)
     target = RunFolder(options.output.resolve().parent, options.output.resolve().name)
     if target.path.exists():
         raise InputError(f"{options.output} already exists: name a new folder.")

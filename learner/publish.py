@@ -98,7 +98,7 @@ def _trained(options: Options) -> tuple[RunConfig, QNetwork, dict[str, Any]]:
     folder = RunFolder.at(options.run)
     config = None if folder is None else folder.stored_config()
     if folder is None or config is None:
-        raise InputError(f"{options.run} is not a run: name a run's folder, such as runs/first.")
+        raise InputError(f"{options.run} is not a run: name one, such as first, or its folder.")
     snapshots = Snapshots(folder.snapshots)
     source = folder.checkpoint if options.last else snapshots.best
     for file in (source, *([] if options.last else [snapshots.best_card]), folder.summary):

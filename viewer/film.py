@@ -43,14 +43,14 @@ class Chapter(NamedTuple):
 
 @dataclass(frozen=True)
 class Film(Played):
-    """Film a game; or, with a run's folder, how it learned.
+    """Film a game; or, with a run, how it learned.
 
     The film of a run shows random play, or the network with which the run began, and then each
     epoch's network for a few seconds. The run must keep its snapshots (--keep-snapshots).
     """
 
     shown: Annotated[Path | None, tyro.conf.Positional, tyro.conf.arg(metavar="[FILE]")] = None
-    """Folder of a run that is filmed epoch by epoch, such as runs/NAME; or a network, such as
+    """Run that is filmed epoch by epoch, or its folder; or a network, such as
     robot_pong or runs/NAME/snapshots/best.safetensors; by default the published one of --env and
     --game."""
     epsilon: Fraction = 0.001
@@ -92,7 +92,12 @@ class Film(Played):
     @property
     def _run(self) -> Path | None:
         """The folder of the run to film; None if it is one network."""
-        return self.shown if self.shown is not None and self.shown.is_dir() else None
+        if self.shown is None or self.shown.is_dir():
+            return self.shown
+        run = RunFolder.at(self.shown)
+        if run is None or find_weights(self.shown) != run.checkpoint:
+            return None  # as for a published policy of that name
+        return run.path
 
     def _play(self) -> Play:
         return Play(
@@ -141,7 +146,7 @@ def chapters_of(folder: Path) -> list[Chapter]:
     """Returns what a run began with and its kept snapshots, the oldest first. Raises InputError if
     it is not a run's folder, or the run has kept none."""
     if (run := RunFolder.at(folder)) is None:
-        raise InputError(f"{folder} is not the folder of a run: name one, such as runs/NAME.")
+        raise InputError(f"{folder} is not a run: name one, or its folder.")
     networks = kept_networks(run.snapshots)
     if not networks:
         newest = f", or film one network: {run.checkpoint}" if run.checkpoint.is_file() else ""

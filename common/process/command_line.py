@@ -26,6 +26,7 @@ from common.process.own_flags import going_on_from, own_help
 from common.registry import ENVIRONMENTS
 from common.run.config import RunConfig
 from common.run.fit import shaped_like
+from common.run.folder import RUNS
 from common.run.origin import find_weights, origin_of
 from common.run.presets import PRESETS
 from common.run.ranges import all_ranges
@@ -70,7 +71,7 @@ class RunOptions:
     """Options that the command lines of learner and replay share."""
 
     config: RunFlags
-    runs: Path = Path("runs")
+    runs: Path = RUNS
     """Folder that holds the runs."""
     resume: bool = False
     """Resume the run of that name, with its own settings."""

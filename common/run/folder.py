@@ -33,6 +33,8 @@ def kept_networks(snapshots: Path) -> dict[int, Path]:
     return dict(sorted((int(name), path) for name, path in names.items() if name.isdecimal()))
 
 
+RUNS = Path("runs")
+"""Folder that holds the runs, unless another one is named."""
 _CONFIG = "config.json"
 CHECKPOINT = "checkpoint.safetensors"
 """Name of the file, in a run's folder, that has the learner's whole state."""
@@ -84,10 +86,14 @@ class RunFolder:
 
     @classmethod
     def at(cls, path: Path) -> Self | None:
-        """Returns the run whose folder is ``path``; None if it is not the folder of a run."""
+        """Returns the run whose folder, or whose name in `RUNS`, is ``path``; None if there is
+        none."""
         if path.name in ("", ".."):  # as ".", in the folder itself
             path = path.resolve()
-        return cls(path.parent, path.name) if (path / _CONFIG).is_file() else None
+        for folder in (path, RUNS / path) if path.parent == Path() else (path,):
+            if (folder / _CONFIG).is_file():
+                return cls(folder.parent, folder.name)
+        return None
 
     def stored_config(self) -> RunConfig | None:
         """Returns the configuration with which the run was started; None for a new run. Raises

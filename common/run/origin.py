@@ -23,16 +23,16 @@ several: the best under sticky actions."""
 def find_weights(name: str | Path) -> Path:
     """Returns the file that ``name`` stands for.
 
-    It may be a file, with or without ``.safetensors``, which `learner.publish` adds; the folder of
-    a run, for its newest network; or the name of a published policy, as robot_pong or
-    policies/robot_pong.safetensors. Raises InputError if there is none.
+    It may be a file, with or without ``.safetensors``, which `learner.publish` adds; the name of a
+    published policy, as robot_pong or policies/robot_pong.safetensors; or a run or its folder, for
+    its newest network. Raises InputError if there is none.
     """
     path = Path(name)
     shipped, in_full = SHIPPED / f"{path.stem}.safetensors", Path(f"{name}.safetensors")
-    if (run := RunFolder.at(path)) is not None:
-        path = run.checkpoint
-    elif not path.exists() and path.parent in (Path(), Path("policies")) and shipped.is_file():
+    if not path.exists() and path.parent in (Path(), Path("policies")) and shipped.is_file():
         path = shipped
+    elif (run := RunFolder.at(path)) is not None:
+        path = run.checkpoint
     elif not path.exists() and in_full.is_file():
         path = in_full
     if not path.is_file():
@@ -48,7 +48,7 @@ def _what_there_is(missing: Path) -> str:
         return f"name {run.path} for its newest network; the best is there once a test has ended."
     published = sorted(file.stem for file in SHIPPED.glob("*.safetensors"))
     known = ", ".join(published)
-    all_kinds = f"name a network's file, a run's folder, or a published policy: {known}."
+    all_kinds = f"name a network's file, a run, or a published policy: {known}."
     return choice(missing.stem, published, all_kinds) if missing.parent == Path() else all_kinds
 
 

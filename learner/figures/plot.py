@@ -9,7 +9,7 @@ legend.
 
 import sys
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, TypeAlias
 
@@ -19,6 +19,7 @@ from common.errors import InputError
 from common.process.command_line import parse
 from common.process.extras import extra_for
 from common.process.program_end import exit_on_input_error
+from common.run.folder import RunFolder
 
 with extra_for("a figure", "plot"):
     from matplotlib.figure import Figure
@@ -33,7 +34,7 @@ class Options:
     """Plot runs, or the results of evaluations."""
 
     paths: tyro.conf.Positional[tuple[Path, ...]]
-    """Folders of runs or their CSV files; or JSON files of evaluations."""
+    """Runs, their folders or their CSV files; or JSON files of evaluations."""
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"])] = Path("figure.png")
     """Picture to write: .png, .svg or .pdf."""
     figure: str = "epochs"
@@ -55,7 +56,7 @@ class Options:
             known = ", ".join(figures)
             raise InputError(f"there is no figure {self.figure!r}: choose one of {known}.")
         if not self.paths:
-            raise InputError("there is nothing to draw: name runs, as in runs/A runs/B.")
+            raise InputError("there is nothing to draw: name runs, as in A B.")
         for path in self.paths:
             if not path.exists():
                 raise InputError(f"{path} does not exist: name a run's folder or a results file.")
@@ -75,6 +76,12 @@ FIGURES: Figures = {
 """The figures of runs and evaluations."""
 
 
+def _of_run(path: Path) -> Path:
+    """Returns the folder of the run that ``path`` names, or else ``path`` itself."""
+    run = None if path.exists() else RunFolder.at(path)
+    return path if run is None else run.path
+
+
 def _groups(options: Options) -> list[Group]:
     return renamed(read_groups(options.paths, options.phase), options.names)
 
@@ -84,6 +91,7 @@ def main(
 ) -> None:
     """Draws the figure that the command line names, one of ``figures``."""
     options = parse(kind, program, sys.argv[1:])
+    options = replace(options, paths=tuple(map(_of_run, options.paths)))
     options.check(figures)
     save(figures[options.figure](options), options.output)
 

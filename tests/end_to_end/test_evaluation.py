@@ -119,7 +119,7 @@ def test_what_is_no_network_is_told(run: Path, tmp_path: Path, stage: Stage) -> 
     for weights, why in (
         (
             tmp_path / "nothing",
-            "does not exist: name a network's file, a run's folder, or a published policy: ale_",
+            "does not exist: name a network's file, a run, or a published policy: ale_",
         ),
         (run / "config.json", "holds no network"),
     ):

@@ -165,7 +165,7 @@ def test_what_the_copy_rests_on_comes_first(
 @pytest.mark.parametrize(
     ("source", "target", "words"),
     [
-        ("runs", "copy", r"runs is not a run: name a run's folder"),
+        ("runs", "copy", r"runs is not a run: name one"),
         ("runs/r", "runs", r"runs already exists"),
         ("runs/r", "runs/r/copy", r"copy is inside of the run"),
         ("runs/r", "a b", r"run 'a b' cannot be used"),

@@ -107,7 +107,7 @@ def test_an_output_without_a_name_is_refused(tmp_path: Path, output: str) -> Non
 def test_a_run_without_a_test_is_told(tmp_path: Path) -> None:
     (file := tmp_path / "weights.safetensors").touch()
     for other in (tmp_path, file, tmp_path / "none"):
-        with pytest.raises(InputError, match=f"^{other} is not a run: name a run's folder"):
+        with pytest.raises(InputError, match=f"^{other} is not a run: name one"):
             publish(Options(run=other, output=tmp_path / "policy"), threading.Event())
     (tmp_path / "begun").mkdir()
     (tmp_path / "begun/config.json").write_text(to_json(CONFIG))

@@ -264,7 +264,7 @@ def test_without_a_network_the_published_one_of_the_environment_is_filmed(
 
 def test_what_cannot_be_filmed_is_told(run: Path, tmp_path: Path) -> None:
     parsed(Film, run, "--video", "f.gif").check()  # its length depends on the run
-    with pytest.raises(InputError, match="is not the folder of a run"):
+    with pytest.raises(InputError, match="is not a run: name one"):
         parsed(Film, tmp_path)
     with pytest.raises(InputError, match="did you mean robot_pong"):
         parsed(Film, "robot_pnog")

@@ -134,7 +134,7 @@ def test_a_network_needs_no_flag(kind: Any, tmp_path: Path) -> None:
         (["check", "-o", "p.pgm"], r"p\.pgm does not name a picture"),
         (["film", "--game", "pomg"], "did you mean pong"),
         (["film", "--video", "f.txt"], r"let it end in \.mp4 or \.gif"),
-        (["film", "policies"], "is not the folder of a run"),
+        (["film", "policies"], "is not a run: name one"),
     ],
 )
 def test_flags_that_cannot_be_followed_are_told_before_pytorch_is_loaded(

@@ -79,6 +79,20 @@ def test_a_run_is_found_from_inside_its_folder(
     assert RunFolder.at(Path()) is None
 
 
+def test_a_run_is_found_by_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    claim(Path("runs"), name="first")
+    run = RunFolder.at(Path("first"))
+    assert run is not None
+    assert run.path == Path("runs/first")
+    for elsewhere in ("other/first", "./other", tmp_path / "first"):
+        assert RunFolder.at(Path(elsewhere)) is None
+    claim(Path(), name="first")  # a folder of that name is meant rather
+    run = RunFolder.at(Path("first"))
+    assert run is not None
+    assert run.path == Path("first")
+
+
 def test_a_name_that_leads_elsewhere_is_refused(tmp_path: Path) -> None:
     for name in ("..", "../r", "/tmp", ""):
         with pytest.raises(InputError, match="cannot be used"):

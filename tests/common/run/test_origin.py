@@ -73,3 +73,17 @@ def test_the_name_of_a_shipped_policy_is_that_policy(
     shipped = SHIPPED / "ale_pong.safetensors"
     assert find_weights("ale_pong") == find_weights("policies/ale_pong") == shipped
     assert find_weights("ale_pong.safetensors") == Path("ale_pong.safetensors")
+
+
+def test_a_run_goes_by_its_name_unless_a_policy_has_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name in ("first", "ale_pong"):
+        folder = tmp_path / "runs" / name
+        folder.mkdir(parents=True)
+        (folder / "config.json").write_text("{}")
+        (folder / "checkpoint.safetensors").touch()
+    assert find_weights("first") == Path("runs/first/checkpoint.safetensors")
+    assert find_weights("ale_pong") == SHIPPED / "ale_pong.safetensors"
+    assert find_weights("runs/ale_pong") == Path("runs/ale_pong/checkpoint.safetensors")
