@@ -37,9 +37,18 @@ class BackupOptions:
     """Copy a run, even while it is training, to continue it elsewhere."""
 
     run: tyro.conf.Positional[Path]
-    """Folder of the run."""
+    """Run to copy, or its folder."""
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
     """Folder of the copy, which must not exist yet; its name becomes the copy's run name."""
+
+
+def _run(options: BackupOptions) -> RunFolder:
+    """Returns the run to copy, by the path that no link leads to."""
+    run = RunFolder.named(options.run)
+    found = None if run is None else RunFolder.at(run.path.resolve())
+    if found is None:
+        raise InputError(f"{options.run} is not a run: name one, such as first, or its folder.")
+    return found
 
 
 def back_up(options: BackupOptions, stop: threading.Event) -> Path:
@@ -50,10 +59,7 @@ def back_up(options: BackupOptions, stop: threading.Event) -> Path:
             ``stop`` was set; there is no copy then.
         OSError: a file cannot be read or written, as on a full disk; there is no copy then.
     """
-    run = RunFolder.at(options.run)
-    if run is None:
-        raise InputError(f"{options.run} is not a run: name one, such as first, or its folder.")
-    source = RunFolder(run.path.resolve().parent, run.name)
+    source = _run(options)
     target = RunFolder(options.output.resolve().parent, options.output.resolve().name)
     if target.path.exists():
         raise InputError(f"{options.output} already exists: name a new folder.")
@@ -117,7 +123,7 @@ def main() -> None:
         f"{options.run} is copied to {copy}. To continue the copy, with the run's other flags:\n"
         f"  ale-robot {'replay' if replay_alone else 'train'} --resume {where}"
     )
-    name = options.run.resolve().name
+    name = _run(options).name
     if copy.name != name:
         print(
             f"The copy is called {copy.name}: to let the actors of {name} join it, rename its "

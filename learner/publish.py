@@ -95,7 +95,7 @@ def publish(options: Options, stop: threading.Event) -> dict[str, Any]:
 def _trained(options: Options) -> tuple[RunConfig, QNetwork, dict[str, Any]]:
     """Returns the run's settings, the network to publish, and what the card says of its
     training."""
-    folder = RunFolder.at(options.run)
+    folder = RunFolder.named(options.run)
     config = None if folder is None else folder.stored_config()
     if folder is None or config is None:
         raise InputError(f"{options.run} is not a run: name one, such as first, or its folder.")

@@ -19,7 +19,7 @@ from common.errors import InputError
 from common.process.progress import Progress
 from common.run.epochs import EpochRow, EpochTable
 from common.run.folder import RunFolder, kept_networks
-from common.run.origin import find_weights, shown_weights
+from common.run.origin import find_run, find_weights, shown_weights
 from viewer import overlay
 from viewer.movie import check_movie, open_movie
 from viewer.panels import Panels
@@ -92,12 +92,11 @@ class Film(Played):
     @property
     def _run(self) -> Path | None:
         """The folder of the run to film; None if it is one network."""
-        if self.shown is None or self.shown.is_dir():
-            return self.shown
-        run = RunFolder.at(self.shown)
-        if run is None or find_weights(self.shown) != run.checkpoint:
-            return None  # as for a published policy of that name
-        return run.path
+        if self.shown is None:
+            return None
+        if (run := find_run(self.shown)) is not None:
+            return run.path
+        return self.shown if self.shown.is_dir() else None
 
     def _play(self) -> Play:
         return Play(

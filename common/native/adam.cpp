@@ -1,7 +1,7 @@
 // A step of Adam (Kingma and Ba 2015) over all weights, each of which is read and written once. With
 // beta1 = 0 it is RMSprop, whose `means` stay as they are.
 //
-// optimizers.py checks all sizes.
+// optimizers.py checks sizes and layouts.
 
 #include "threads.h"
 
@@ -11,7 +11,7 @@
 
 namespace {
 
-constexpr long MOST = 1 << 14;  // numbers that a thread takes at a time
+constexpr long BLOCK = 1 << 14;  // numbers that a thread takes at a time
 
 struct Block {
     int tensor;
@@ -21,8 +21,8 @@ struct Block {
 std::vector<Block> blocks_of(const long* sizes, int tensors) {
     std::vector<Block> blocks;
     for (int t = 0; t < tensors; t++)
-        for (long first = 0; first < sizes[t]; first += MOST)
-            blocks.push_back({t, first, std::min(first + MOST, sizes[t])});
+        for (long first = 0; first < sizes[t]; first += BLOCK)
+            blocks.push_back({t, first, std::min(first + BLOCK, sizes[t])});
     return blocks;
 }
 
@@ -38,30 +38,30 @@ double sum_of_squares(const float* numbers, long count) {
     return sum;
 }
 
-struct Formula {
+struct Coefficients {
     float scale;  // of gradients
     float to_mean, to_square;
     float rate, root, epsilon;
 };
 
-// Only in functions of their own does the compiler believe that arrays do not overlap.
+// Functions of their own, because compilers heed __restrict only in parameters.
 
 void adam(float* __restrict weights, const float* __restrict gradients, float* __restrict means,
-          float* __restrict squares, long count, Formula f) {
+          float* __restrict squares, long count, Coefficients c) {
     for (long i = 0; i < count; i++) {
-        const float g = f.scale * gradients[i];
-        means[i] += f.to_mean * (g - means[i]);
-        squares[i] += f.to_square * (g * g - squares[i]);
-        weights[i] -= f.rate * means[i] / (f.root * std::sqrt(squares[i]) + f.epsilon);
+        const float g = c.scale * gradients[i];
+        means[i] += c.to_mean * (g - means[i]);
+        squares[i] += c.to_square * (g * g - squares[i]);
+        weights[i] -= c.rate * means[i] / (c.root * std::sqrt(squares[i]) + c.epsilon);
     }
 }
 
 void rmsprop(float* __restrict weights, const float* __restrict gradients, float*,
-             float* __restrict squares, long count, Formula f) {
+             float* __restrict squares, long count, Coefficients c) {
     for (long i = 0; i < count; i++) {
-        const float g = f.scale * gradients[i];
-        squares[i] += f.to_square * (g * g - squares[i]);
-        weights[i] -= f.rate * g / (f.root * std::sqrt(squares[i]) + f.epsilon);
+        const float g = c.scale * gradients[i];
+        squares[i] += c.to_square * (g * g - squares[i]);
+        weights[i] -= c.rate * g / (c.root * std::sqrt(squares[i]) + c.epsilon);
     }
 }
 
@@ -69,17 +69,17 @@ void rmsprop(float* __restrict weights, const float* __restrict gradients, float
 
 extern "C" {
 
-// Moves `weights` by their `gradients`, scaled so that together they are at most `longest` long; 0 does
-// not scale them.
+// Moves `weights` by their `gradients`, scaled so that their common norm is at most `max_norm`; 0 does not
+// scale them.
 //
 //     mean += (1 - beta1) * (gradient - mean);  square += (1 - beta2) * (gradient^2 - square)
 //     weight -= rate * mean / (root * sqrt(square) + epsilon)
 void adam_step(float* const weights[], const float* const gradients[], float* const means[],
-               float* const squares[], const long sizes[], int tensors, double longest, double rate,
+               float* const squares[], const long sizes[], int tensors, double max_norm, double rate,
                double beta1, double beta2, double root, double epsilon, int threads) {
     const std::vector<Block> blocks = blocks_of(sizes, tensors);
-    Formula formula{1, (float)(1 - beta1), (float)(1 - beta2), (float)rate, (float)root, (float)epsilon};
-    if (longest) {
+    Coefficients coefficients{1, (float)(1 - beta1), (float)(1 - beta2), (float)rate, (float)root, (float)epsilon};
+    if (max_norm) {
         std::vector<double> sums(blocks.size());
         Deal dealt(blocks.size());
         in_threads(threads, [&](int) {
@@ -90,15 +90,15 @@ void adam_step(float* const weights[], const float* const gradients[], float* co
         });
         double sum = 0;  // in an order that does not depend on who is quicker
         for (double each : sums) sum += each;
-        const double length = std::sqrt(sum);
-        if (!(length <= longest)) formula.scale = longest / (length + 1e-6);  // as PyTorch does
+        const double norm = std::sqrt(sum);
+        if (norm > max_norm) coefficients.scale = max_norm / (norm + 1e-6);  // as PyTorch does
     }
     Deal dealt(blocks.size());
     in_threads(threads, [&](int) {
         for (long i; dealt.next(i);) {
             const auto [t, first, end] = blocks[i];
             (beta1 ? adam : rmsprop)(weights[t] + first, gradients[t] + first, means[t] + first,
-                                     squares[t] + first, end - first, formula);
+                                     squares[t] + first, end - first, coefficients);
         }
     });
 }

@@ -34,7 +34,7 @@ def kept_networks(snapshots: Path) -> dict[int, Path]:
 
 
 RUNS = Path("runs")
-"""Folder that holds the runs, unless another one is named."""
+"""Folder of the runs that go by their names."""
 _CONFIG = "config.json"
 CHECKPOINT = "checkpoint.safetensors"
 """Name of the file, in a run's folder, that has the learner's whole state."""
@@ -86,14 +86,17 @@ class RunFolder:
 
     @classmethod
     def at(cls, path: Path) -> Self | None:
-        """Returns the run whose folder, or whose name in `RUNS`, is ``path``; None if there is
-        none."""
+        """Returns the run whose folder is ``path``; None if it is not the folder of a run."""
         if path.name in ("", ".."):  # as ".", in the folder itself
             path = path.resolve()
-        for folder in (path, RUNS / path) if path.parent == Path() else (path,):
-            if (folder / _CONFIG).is_file():
-                return cls(folder.parent, folder.name)
-        return None
+        return cls(path.parent, path.name) if (path / _CONFIG).is_file() else None
+
+    @classmethod
+    def named(cls, path: Path) -> Self | None:
+        """Returns the run whose folder is ``path``, or else the run in `RUNS` whose name that is;
+        None if there is neither."""
+        run = cls.at(path)
+        return cls.at(RUNS / path) if run is None and path.parent == Path() else run
 
     def stored_config(self) -> RunConfig | None:
         """Returns the configuration with which the run was started; None for a new run. Raises

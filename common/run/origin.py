@@ -21,24 +21,43 @@ several: the best under sticky actions."""
 
 
 def find_weights(name: str | Path) -> Path:
-    """Returns the file that ``name`` stands for.
+    """Returns the file that ``name`` stands for: the first that there is of
 
-    It may be a file, with or without ``.safetensors``, which `learner.publish` adds; the name of a
-    published policy, as robot_pong or policies/robot_pong.safetensors; or a run or its folder, for
-    its newest network. Raises InputError if there is none.
+    1. this file;
+    2. the newest network of the run whose folder it is;
+    3. the published policy of that name, as robot_pong or policies/robot_pong.safetensors;
+    4. this file with ``.safetensors``, which `learner.publish` adds;
+    5. the newest network of the run in ``runs/`` whose name it is.
+
+    Raises InputError if there is none.
     """
     path = Path(name)
-    shipped, in_full = SHIPPED / f"{path.stem}.safetensors", Path(f"{name}.safetensors")
-    if not path.exists() and path.parent in (Path(), Path("policies")) and shipped.is_file():
-        path = shipped
-    elif (run := RunFolder.at(path)) is not None:
+    if (run := find_run(path)) is not None:
         path = run.checkpoint
-    elif not path.exists() and in_full.is_file():
-        path = in_full
+    elif (file := _in_full(path)) is not None:
+        path = file
     if not path.is_file():
         wrong = "is not a file" if os.path.lexists(path) else "does not exist"
         raise InputError(f"{path} {wrong}: {_what_there_is(path)}")
     return path
+
+
+def find_run(path: Path) -> RunFolder | None:
+    """Returns the run whose newest network `find_weights` takes for ``path``, or None."""
+    if path.is_file() or (RunFolder.at(path) is None and _in_full(path) is not None):
+        return None
+    return RunFolder.named(path)
+
+
+def _in_full(path: Path) -> Path | None:
+    """Returns the published policy, or else the file, that is meant by ``path`` without its suffix;
+    None if there is neither, or something has just that name."""
+    if path.exists():
+        return None
+    shipped, file = SHIPPED / f"{path.stem}.safetensors", Path(f"{path}.safetensors")
+    if path.parent in (Path(), Path("policies")) and shipped.is_file():
+        return shipped
+    return file if file.is_file() else None
 
 
 def _what_there_is(missing: Path) -> str:

@@ -1,7 +1,7 @@
 """The optimizers of the presets, and the bound on their gradients."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from ctypes import CDLL, c_long
+from ctypes import c_long
 
 import torch
 from torch import Tensor, nn
@@ -24,7 +24,8 @@ class BoundedOptimizer:
         config: LearningConfig,
         native: InstructionSet | None = None,
     ) -> None:
-        """Builds the optimizer; its arithmetic is PyTorch's, or that of the compiled code."""
+        """Builds the optimizer, for parameters without gaps in memory; its arithmetic is PyTorch's,
+        or that of the compiled code."""
         self._parameters = list(parameters)
         self._optimizer = build_optimizer(self._parameters, config)
         self._config = config
@@ -41,9 +42,10 @@ class BoundedOptimizer:
 
     def step(self, loss: Tensor) -> None:
         """Moves the parameters by their gradients, unless the scalar ``loss`` is not finite."""
-        if self._library is not None and (gradients := self._gradients()) is not None:
+        gradients = None if self._library is None else self._native_gradients()
+        if gradients is not None:
             if loss.isfinite():
-                self._step_natively(self._library, gradients)
+                self._step_natively(gradients)
             return
         if self._config.gradient_norm:
             clip_gradients(self._parameters, self._config.gradient_norm)
@@ -51,28 +53,34 @@ class BoundedOptimizer:
         self._optimizer.found_inf = (~loss.isfinite()).float()  # type: ignore[attr-defined]
         self._optimizer.step()
 
-    def _gradients(self) -> list[Tensor] | None:
-        """Returns all gradients if each lies in memory as its parameter does, else None."""
+    def _native_gradients(self) -> list[Tensor] | None:
+        """Returns all gradients, or None if the compiled code cannot take them: some are missing,
+        or lie in memory in another way than their parameters, or some were missing before."""
         found = [p.grad for p in self._parameters if p.grad is not None]
         if len(found) < len(self._parameters):
             return None
-        alike = (
+        alike = all(
             gradient.stride() == p.stride() and gradient.dtype == p.dtype == torch.float32
             for p, gradient in zip(self._parameters, found, strict=True)
         )
-        return found if all(alike) else None
+        steps = {float(slots["step"]) for slots in map(self._slots, self._parameters)}
+        return found if alike and len(steps) == 1 else None
+
+    def _slots(self, weight: nn.Parameter) -> dict[str, Tensor]:
+        """Returns what the optimizer keeps of ``weight``; PyTorch makes it with its first step."""
+        slots: dict[str, Tensor] = self._optimizer.state[weight]
+        if not slots:
+            slots |= new_slots(weight, steps=0)
+        return slots
 
     @torch.no_grad()
-    def _step_natively(self, library: CDLL, gradients: Sequence[Tensor]) -> None:
+    def _step_natively(self, gradients: Sequence[Tensor]) -> None:
         """Does what PyTorch's optimizer does, in one pass over memory (``adam.cpp``)."""
-        group, states = self._optimizer.param_groups[0], self._optimizer.state
-        for weight in self._parameters:
-            if not states[weight]:
-                states[weight] = new_slots(weight, steps=0)
-        slots = [states[weight] for weight in self._parameters]
+        assert self._library is not None
+        group, slots = self._optimizer.param_groups[0], list(map(self._slots, self._parameters))
         torch._foreach_add_([each["step"] for each in slots], 1)
         steps, (beta1, beta2) = float(slots[0]["step"]), group["betas"]
-        library.adam_step(
+        self._library.adam_step(
             addresses(self._parameters),
             addresses(gradients),
             addresses([each["exp_avg"] for each in slots]),
@@ -97,12 +105,14 @@ class BoundedOptimizer:
         }
 
     def load_state(self, state: Mapping[str, Tensor]) -> None:
-        """Restores the slots in ``state``, which may hold other tensors too. Raises ValueError for
-        those of other parameters."""
+        """Restores the slots in ``state``, which may hold other tensors too. Raises ValueError if
+        they are not those of these parameters."""
         slots: dict[int, dict[str, Tensor]] = {}
+        known = set()
         for index, weight in enumerate(self._parameters):
             like = new_slots(weight, steps=0)
             names = {slot: f"optimizer.{index}.{slot}" for slot in like}
+            known |= {*names.values()}
             if not any(name in state for name in names.values()):
                 continue  # before the first step
             for slot, name in names.items():
@@ -111,6 +121,8 @@ class BoundedOptimizer:
                 # In the parameter's own memory layout, or the step would be slow.
                 like[slot].copy_(state[name])
             slots[index] = like
+        if more := {name for name in state if name.startswith("optimizer.")} - known:
+            raise ValueError(f"its {min(more)} is of no parameter")
         groups = self._optimizer.state_dict()["param_groups"]
         self._optimizer.load_state_dict({"state": slots, "param_groups": groups})
 

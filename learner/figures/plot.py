@@ -59,7 +59,7 @@ class Options:
             raise InputError("there is nothing to draw: name runs, as in A B.")
         for path in self.paths:
             if not path.exists():
-                raise InputError(f"{path} does not exist: name a run's folder or a results file.")
+                raise InputError(f"{path} does not exist: name a run or a results file.")
         check_figure(self.output)
 
 
@@ -78,7 +78,7 @@ FIGURES: Figures = {
 
 def _of_run(path: Path) -> Path:
     """Returns the folder of the run that ``path`` names, or else ``path`` itself."""
-    run = None if path.exists() else RunFolder.at(path)
+    run = None if path.exists() else RunFolder.named(path)
     return path if run is None else run.path
 
 

@@ -222,7 +222,7 @@ class Telemetry(AbstractContextManager["Telemetry"]):
         """Returns the time to the last agent step of the run; None if it, or the rate with
         updates, is unknown."""
         goal, rate = (number(values, key) for key in ("run/steps_goal", "stream/steps_per_second"))
-        if goal is None or not rate or self._warming_up:
+        if goal is None or not rate or not self.phases.epoch:
             return None
         return max(goal - self.phases.agent_steps, 0.0) / rate
 
@@ -251,7 +251,8 @@ class Telemetry(AbstractContextManager["Telemetry"]):
             each / seconds if seconds >= 1 else None for each in done
         )
         train, test = self._rate("train"), self._rate("test")
-        train = steps_rate if train is None else train
+        if train is None and phases.epoch:
+            train = steps_rate
         return {
             "stream/steps_per_second": steps_rate,
             "learning/updates_per_second": update_rate,

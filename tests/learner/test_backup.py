@@ -59,6 +59,17 @@ def test_all_files_are_copied_but_for_what_is_half_written(run: RunFolder, tmp_p
     assert sorted(path.name for path in tmp_path.iterdir()) == ["copy", "runs"]
 
 
+@pytest.mark.parametrize("named", ["first", "runs/first"])
+def test_a_run_that_is_linked_is_copied(
+    named: str, run: RunFolder, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "here" / "runs").mkdir(parents=True)
+    (tmp_path / "here" / "runs" / "first").symlink_to(run.path)
+    monkeypatch.chdir(tmp_path / "here")
+    copy = back_up(BackupOptions(Path(named), tmp_path / "copy"), threading.Event())
+    assert "config.json" in content(copy)
+
+
 def test_the_command_to_go_on_can_be_pasted(
     run: RunFolder,
     tmp_path: Path,

@@ -82,13 +82,16 @@ def test_a_run_is_found_from_inside_its_folder(
 def test_a_run_is_found_by_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     claim(Path("runs"), name="first")
-    run = RunFolder.at(Path("first"))
+    (tmp_path / "first").mkdir()  # no run
+    run = RunFolder.named(Path("first"))
     assert run is not None
     assert run.path == Path("runs/first")
-    for elsewhere in ("other/first", "./other", tmp_path / "first"):
-        assert RunFolder.at(Path(elsewhere)) is None
-    claim(Path(), name="first")  # a folder of that name is meant rather
-    run = RunFolder.at(Path("first"))
+    for elsewhere in ("other/first", "second", tmp_path / "first"):
+        assert RunFolder.named(Path(elsewhere)) is None
+    assert RunFolder.at(Path("first")) is None
+    (tmp_path / "first").rmdir()
+    claim(Path(), name="first")  # the folder of that name is meant rather
+    run = RunFolder.named(Path("first"))
     assert run is not None
     assert run.path == Path("first")
 

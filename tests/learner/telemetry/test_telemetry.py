@@ -250,6 +250,7 @@ def test_the_warm_up_tells_nothing_of_how_long_training_takes(tmp_path: Path) ->
     run.now += 3.0
     values = run.values(**goal)
     assert (values["stream/steps_per_second"], values["run/seconds_to_goal"]) == (100.0, None)
+    assert values["run/train_steps_per_second"] is None
     run.phases.epoch = 1
     values = run.values(**goal)
     assert (values["stream/steps_per_second"], values["run/seconds_to_goal"]) == (None, None)
