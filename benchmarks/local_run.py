@@ -21,11 +21,11 @@ from benchmarks.child import cpu_seconds, stat_of
 from benchmarks.hosted_run import NEVER, HostedRun
 from benchmarks.report import BenchmarkOptions
 from common.checked import FromOne
+from common.process.command_line import parse_run
 from common.protocol.actor_stats import ActorStats
 from common.run.clock import ClockConfig
-from common.run.config import PresetName
-from common.run.presets import PRESETS
 from common.transport.interface import Envelope
+from learner.options import LearnerOptions, stored_config
 from replay.chunk_statistics import ChunkStatistics
 from replay.limiter import RateLimiter
 
@@ -55,16 +55,12 @@ class Setting(BenchmarkOptions):
     """More flags for `python -m learner`, as in --learner="--threads 2"."""
 
     def __str__(self) -> str:
-        learning = PRESETS[self.preset].learning
+        told, _ = parse_run(LearnerOptions, "learner", self.flags(), stored_config)
+        learning = told.config.learning
         return (
             f"{self.game} ({self.env}){self.clock}, batches of {learning.batch_size}, "
             f"an update per {learning.train_period} steps"
         )
-
-    @property
-    def preset(self) -> PresetName:
-        """The preset for the environment; each draws a step eight times, as in 2017."""
-        return "paper" if self.env == "ale" else "robot"
 
     def check(self) -> None:
         super().check()
@@ -73,7 +69,7 @@ class Setting(BenchmarkOptions):
     def flags(self) -> list[str]:
         """Returns the flags of `python -m learner`, with the 2017 ratio of samples to steps."""
         return [
-            *("--preset", self.preset),
+            *("--preset", "paper" if self.env == "ale" else "robot"),
             *("--env", self.env, "--game", self.game),
             *("--actors", str(self.actors), "--evaluators", str(self.evaluators)),
             *self.clock.flags(),
