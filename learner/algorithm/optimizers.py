@@ -1,5 +1,6 @@
 """The optimizers of the presets, and the bound on their gradients."""
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from ctypes import c_long
 
@@ -42,10 +43,13 @@ class BoundedOptimizer:
 
     def step(self, loss: Tensor) -> None:
         """Moves the parameters by their gradients, unless the scalar ``loss`` is not finite."""
-        gradients = None if self._library is None else self._native_gradients()
-        if gradients is not None:
+        for weight in self._parameters:
+            if weight.grad is not None and weight.grad.stride() != weight.stride():
+                # PyTorch's fused kernel, too, takes one layout for the other.
+                weight.grad = torch.empty_like(weight).copy_(weight.grad).detach()
+        if self._can_step_natively():
             if loss.isfinite():
-                self._step_natively(gradients)
+                self._step_natively()
             return
         if self._config.gradient_norm:
             clip_gradients(self._parameters, self._config.gradient_norm)
@@ -53,18 +57,15 @@ class BoundedOptimizer:
         self._optimizer.found_inf = (~loss.isfinite()).float()  # type: ignore[attr-defined]
         self._optimizer.step()
 
-    def _native_gradients(self) -> list[Tensor] | None:
-        """Returns all gradients, or None if the compiled code cannot take them: some are missing,
-        or lie in memory in another way than their parameters, or some were missing before."""
-        found = [p.grad for p in self._parameters if p.grad is not None]
-        if len(found) < len(self._parameters):
-            return None
-        alike = all(
-            gradient.stride() == p.stride() and gradient.dtype == p.dtype == torch.float32
-            for p, gradient in zip(self._parameters, found, strict=True)
-        )
+    def _can_step_natively(self) -> bool:
+        """Returns whether there is compiled code, and all float32 parameters have, and always had,
+        their gradients."""
+        if self._library is None or any(
+            weight.grad is None or weight.dtype != torch.float32 for weight in self._parameters
+        ):
+            return False
         steps = {float(slots["step"]) for slots in map(self._slots, self._parameters)}
-        return found if alike and len(steps) == 1 else None
+        return len(steps) == 1
 
     def _slots(self, weight: nn.Parameter) -> dict[str, Tensor]:
         """Returns what the optimizer keeps of ``weight``; PyTorch makes it with its first step."""
@@ -74,9 +75,10 @@ class BoundedOptimizer:
         return slots
 
     @torch.no_grad()
-    def _step_natively(self, gradients: Sequence[Tensor]) -> None:
+    def _step_natively(self) -> None:
         """Does what PyTorch's optimizer does, in one pass over memory (``adam.cpp``)."""
         assert self._library is not None
+        gradients = [weight.grad for weight in self._parameters if weight.grad is not None]
         group, slots = self._optimizer.param_groups[0], list(map(self._slots, self._parameters))
         torch._foreach_add_([each["step"] for each in slots], 1)
         steps, (beta1, beta2) = float(slots[0]["step"]), group["betas"]
@@ -120,6 +122,8 @@ class BoundedOptimizer:
                     raise ValueError(f"its {name} is missing, or of another shape")
                 # In the parameter's own memory layout, or the step would be slow.
                 like[slot].copy_(state[name])
+            if not 0 <= float(like["step"]) < math.inf:
+                raise ValueError(f"its {names['step']} is {float(like['step']):g}")
             slots[index] = like
         if more := {name for name in state if name.startswith("optimizer.")} - known:
             raise ValueError(f"its {min(more)} is of no parameter")

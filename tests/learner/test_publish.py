@@ -115,6 +115,14 @@ def test_a_run_without_a_test_is_told(tmp_path: Path) -> None:
         publish(Options(run=tmp_path / "begun", output=tmp_path / "policy"), threading.Event())
 
 
+def test_a_run_goes_by_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "runs/begun").mkdir(parents=True)
+    (tmp_path / "runs/begun/config.json").write_text(to_json(CONFIG))
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InputError, match=r"^runs/begun/snapshots/best.* continue the run until"):
+        publish(Options(run=Path("begun"), output=tmp_path / "policy"), threading.Event())
+
+
 def test_best_weights_without_their_card_are_told(tmp_path: Path) -> None:
     (_run(tmp_path / "small") / "snapshots/best.json").unlink()
     with pytest.raises(InputError, match=r"best\.json does not exist"):

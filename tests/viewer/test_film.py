@@ -262,6 +262,23 @@ def test_without_a_network_the_published_one_of_the_environment_is_filmed(
         parsed(Film, "--game", "zaxxon")
 
 
+def test_a_run_is_filmed_by_its_name(
+    run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    filmed: list[Path] = []
+    monkeypatch.setattr(Film, "_time_lapse", lambda film, folder, stop: filmed.append(folder))
+    monkeypatch.setattr(Play, "run", lambda play, stop: filmed.append(play.weights))
+    for other in (None, "directory", "file"):
+        if other == "directory":
+            Path("r").mkdir()  # no run
+        elif other == "file":
+            Path("r").rmdir()
+            Path("r").write_bytes((run / "snapshots" / "best.safetensors").read_bytes())
+        parsed(Film, "r").run(threading.Event())
+    assert filmed == [Path("runs/r"), Path("runs/r"), Path("r")]
+
+
 def test_what_cannot_be_filmed_is_told(run: Path, tmp_path: Path) -> None:
     parsed(Film, run, "--video", "f.gif").check()  # its length depends on the run
     with pytest.raises(InputError, match="is not a run: name one"):

@@ -25,7 +25,7 @@ from common.errors import InputError
 from common.run.epochs import EpochTable
 from common.run.presets import PRESETS
 from common.run.stored_config import to_json
-from learner.figures.plot import Options
+from learner.figures.plot import Options, main
 from learner.figures.plot_runs import read_groups
 from learner.figures.plot_style import RANDOM, line_figure, mean_line, save
 from tests.epoch_rows import epoch_row
@@ -447,6 +447,18 @@ def test_grids_of_one_optics_are_curves(tmp_path: Path) -> None:
     other = robustness(tmp_path / "b.json", ["nominal"], [18.0, 17.0])
     (axes,) = draw(Options((one, other), figure="robustness")).axes
     assert lines(axes) == [[(0.0, 20.0), (100.0, 3.5)], [(0.0, 18.0), (100.0, 17.0)]]
+
+
+def test_a_run_is_drawn_by_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("runs").mkdir()
+    run(Path("runs/first"), 1, [1.0, 2.0])
+    monkeypatch.setattr("sys.argv", ["plot", "first", "-o", "first.png"])
+    main()
+    assert Path("first.png").stat().st_size > 1_000
+    Path("first").touch()  # a file of that name is meant rather
+    with pytest.raises(InputError, match="is not a table of epochs"):
+        main()
 
 
 def test_what_cannot_be_drawn_is_refused(tmp_path: Path) -> None:

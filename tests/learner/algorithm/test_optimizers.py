@@ -221,10 +221,11 @@ def test_a_loss_that_is_not_finite_moves_nothing(loss: float, native: Instructio
             assert torch.equal(value, kept[name])
 
 
-@pytest.mark.parametrize("what", ["missing", "missing at first", "another layout"])
-def test_gradients_that_the_compiled_step_does_not_know_are_pytorchs(
-    what: str, native: InstructionSet
+@pytest.mark.parametrize("lasts", [3, 2])
+def test_a_gradient_that_is_missing_leaves_its_parameter(
+    lasts: int, native: InstructionSet
 ) -> None:
+    """And when it comes, its parameter has taken fewer steps than the others, which counts."""
     found = []
     for kind in (native, None):
         weights = weights_of_many_shapes()
@@ -232,16 +233,61 @@ def test_gradients_that_the_compiled_step_does_not_know_are_pytorchs(
         for seed in range(3):
             for weight in weights:
                 weight.grad = torch.full_like(weight, 0.1 + seed)
-            if what == "missing" or (what == "missing at first" and seed < 2):
+            if seed < lasts:
                 weights[1].grad = None
-            elif what == "missing at first":
-                pass
-            else:
-                weights[1].grad = torch.arange(35.0).reshape(5, 7).t() / 35
             optimizer.step(LOSS)
         found.append(weights)
     for ours, theirs in zip(*found, strict=True):
         torch.testing.assert_close(ours, theirs, rtol=1e-5, atol=1e-6)
+
+
+@pytest.mark.parametrize("kind", [None, "native"])
+@pytest.mark.parametrize(
+    "gradient", [torch.arange(35.0).reshape(5, 7).t() / 35, torch.tensor(2.0).expand(7, 5)]
+)
+def test_a_gradient_may_lie_in_memory_in_another_way(
+    gradient: Tensor, kind: str | None, native: InstructionSet
+) -> None:
+    weight = nn.Parameter(torch.zeros(7, 5))
+    optimizer = BoundedOptimizer([weight], ADAM, native if kind else None)
+    weight.grad = gradient
+    optimizer.step(LOSS)
+    assert weight.grad is not None
+    scale = min(ADAM.gradient_norm / float(gradient.norm()), 1.0) if ADAM.gradient_norm else 1.0
+    mean = optimizer.state()["optimizer.0.exp_avg"]
+    torch.testing.assert_close(mean, 0.1 * scale * gradient, rtol=1e-4, atol=1e-7)
+
+
+def test_parameters_of_another_type_are_pytorchs(native: InstructionSet) -> None:
+    weight = nn.Parameter(torch.zeros(3, dtype=torch.float64))
+    optimizer = BoundedOptimizer([weight], replace(ADAM, gradient_norm=0.0), native)
+    weight.grad = torch.ones(3, dtype=torch.float64)
+    optimizer.step(LOSS)
+    assert weight.tolist() == pytest.approx([-0.01] * 3, rel=1e-3)
+
+
+@pytest.mark.usefixtures("only_compiled")
+def test_the_compiled_step_has_the_rate_of_the_moment(native: InstructionSet) -> None:
+    config = replace(ADAM, annealing_steps=400, final_learning_rate=0.001, train_period=4)
+    moved = []
+    for updates in (0, 50, 1_000):
+        weight = nn.Parameter(torch.zeros(1))
+        optimizer = BoundedOptimizer([weight], config, native)
+        optimizer.set_rate(updates)
+        weight.grad = torch.ones(1)
+        optimizer.step(LOSS)
+        moved.append(-float(weight.detach()))
+    assert moved == pytest.approx([0.01, 0.0055, 0.001], rel=1e-3)
+
+
+@pytest.mark.parametrize("steps", [-1.0, -1e6, math.nan, math.inf])
+def test_a_number_of_steps_that_cannot_be_is_refused(steps: float) -> None:
+    weights = weights_of_many_shapes()
+    optimizer = BoundedOptimizer(weights, ADAM)
+    take_step(optimizer, weights, 0)
+    wrong = optimizer.state() | {"optimizer.2.step": torch.tensor(steps)}
+    with pytest.raises(ValueError, match=r"its optimizer\.2\.step is "):
+        optimizer.load_state(wrong)
 
 
 def test_slots_of_other_parameters_are_refused() -> None:

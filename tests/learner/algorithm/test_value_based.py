@@ -9,6 +9,7 @@ import torch
 
 from common.network import QNetwork
 from common.run.config import LearningConfig, NetworkName
+from common.run.presets import PRESETS
 from learner.algorithm.double_dqn import double_dqn
 from learner.algorithm.precision import Bfloat16Precision, NativePrecision, precision_of
 from learner.algorithm.target_network import TargetNetwork
@@ -202,6 +203,19 @@ def test_a_bfloat16_copy_takes_over_weights_that_are_loaded() -> None:
     original.load_state_dict(_network(1).state_dict())
     for ours, theirs in zip(half.network.parameters(), original.parameters(), strict=True):
         assert torch.equal(ours, theirs.to(ours.dtype))
+
+
+@pytest.mark.parametrize("device", NATIVE)
+@pytest.mark.parametrize("learning", [LearningConfig(), PRESETS["paper"].learning])
+def test_an_update_by_the_native_kernel_has_its_optimizers_step_too(
+    learning: LearningConfig, device: Device, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    algorithm = double_dqn(_network(), learning, device)
+    monkeypatch.setattr(algorithm._optimizer._optimizer, "step", None)  # PyTorch's
+    before = algorithm.online.state_dict()["hidden.weight"].clone()
+    for _ in range(2):
+        learn(algorithm, random_batch())
+    assert not torch.equal(algorithm.online.state_dict()["hidden.weight"], before)
 
 
 @pytest.mark.parametrize("device", NATIVE)
