@@ -16,8 +16,8 @@ _KERNELS = [((32, 4, 8, 8), (4, 4)), ((64, 32, 4, 4), (2, 2)), ((64, 64, 3, 3), 
 """Shapes of the convolutions' weights, and strides, for which the code is written."""
 _FEATURES, _HIDDEN = 64 * 7 * 7, 512
 _FRAMES = (4, 84, 84)
-_FEW = 8
-"""States whose last layer takes less time than the conversion of its weights."""
+_FEW = 1_536
+"""Outputs, of all states together, that take less time than the conversion of their weights."""
 _PIXELS = (21, 21, 64)
 """A state's pixels: blocks down and across, and the 4 × 4 pixels of each in all four frames."""
 
@@ -129,7 +129,7 @@ class NativeQNetwork(QNetwork):
         return units + linear(vectors, weight) if vectors.shape[1] else units
 
     def outputs(self, hidden: Tensor) -> Tensor:
-        if self.dtype == torch.float32 or len(hidden) <= _FEW:
+        if self.dtype == torch.float32 or len(hidden) * self.actions.out_features <= _FEW:
             return super().outputs(hidden)
         weight, bias = self.actions.weight.bfloat16(), self.actions.bias.bfloat16()
         return linear(hidden.bfloat16(), weight, bias)

@@ -222,7 +222,7 @@ def test_a_compilers_control_characters_do_not_reach_the_terminal(compiler: Path
     with pytest.raises(NativeUnavailableError) as told:
         library("avx512_bf16")
     assert str(told.value).isprintable()
-    assert len(str(told.value)) < 300
+    assert str(told.value).count("x") <= 200 + str(compiler).count("x")
 
 
 def _living_groups() -> set[str]:
