@@ -44,7 +44,7 @@ struct Coefficients {
     float rate, root, epsilon;
 };
 
-// Functions of their own, because compilers heed __restrict only in parameters.
+// Separate functions, because compilers heed __restrict only on parameters.
 
 void adam(float* __restrict weights, const float* __restrict gradients, float* __restrict means,
           float* __restrict squares, long count, Coefficients c) {

@@ -17,7 +17,7 @@ _KERNELS = [((32, 4, 8, 8), (4, 4)), ((64, 32, 4, 4), (2, 2)), ((64, 64, 3, 3), 
 _FEATURES, _HIDDEN = 64 * 7 * 7, 512
 _FRAMES = (4, 84, 84)
 _FEW = 1_536
-"""Outputs, of all states together, that take less time than the conversion of their weights."""
+"""Number of outputs, over all states, up to which float32 is faster than converting the weights."""
 _PIXELS = (21, 21, 64)
 """A state's pixels: blocks down and across, and the 4 × 4 pixels of each in all four frames."""
 

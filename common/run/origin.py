@@ -44,9 +44,7 @@ def find_weights(name: str | Path) -> Path:
 
 def find_run(path: Path) -> RunFolder | None:
     """Returns the run whose newest network `find_weights` takes for ``path``, or None."""
-    if path.is_file() or (RunFolder.at(path) is None and _in_full(path) is not None):
-        return None
-    return RunFolder.named(path)
+    return None if path.is_file() or _in_full(path) is not None else RunFolder.named(path)
 
 
 def _in_full(path: Path) -> Path | None:

@@ -45,7 +45,7 @@ class BoundedOptimizer:
         """Moves the parameters by their gradients, unless the scalar ``loss`` is not finite."""
         for weight in self._parameters:
             if weight.grad is not None and weight.grad.stride() != weight.stride():
-                # PyTorch's fused kernel, too, takes one layout for the other.
+                # Either kernel, PyTorch's too, would read it in the parameter's layout.
                 weight.grad = torch.empty_like(weight).copy_(weight.grad).detach()
         if self._can_step_natively():
             if loss.isfinite():
@@ -58,8 +58,8 @@ class BoundedOptimizer:
         self._optimizer.step()
 
     def _can_step_natively(self) -> bool:
-        """Returns whether there is compiled code, and all float32 parameters have, and always had,
-        their gradients."""
+        """Returns whether the compiled code can take the step: all parameters are float32, and none
+        has ever lacked its gradient."""
         if self._library is None or any(
             weight.grad is None or weight.dtype != torch.float32 for weight in self._parameters
         ):

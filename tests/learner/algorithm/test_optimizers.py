@@ -110,7 +110,7 @@ def native(request: pytest.FixtureRequest) -> InstructionSet:
 
 
 def weights_of_many_shapes() -> list[nn.Parameter]:
-    """Of one number, of some more than a thread takes at a time, and channels-last."""
+    """A single number, a small matrix, one that needs several blocks, and a channels-last one."""
     generator = torch.Generator().manual_seed(1)
     sizes = [(1,), (7, 5), (3, 16_385), (8, 4, 3, 3)]
     weights = [torch.randn(*size, generator=generator) for size in sizes]
