@@ -1,6 +1,6 @@
 """One process of an evaluation: it plays whole games and prints a line of JSON for each.
 
-`python -m learner --evaluate` starts it as `python -m actors.games`. Nothing is stored, and nothing
+`python -m learner.evaluation` starts it as `python -m actors.games`. Nothing is stored, and nothing
 is learned from its games.
 """
 

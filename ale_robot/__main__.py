@@ -34,8 +34,6 @@ def run() -> int | None:
     if "--help-all" in arguments:
         named = [argument for argument in arguments if argument != "--help-all"]
         given, arguments = [*takewhile(str.isalpha, given)], ["--help", *named]
-    elif name == "evaluate" and (not arguments or arguments[0].startswith("-")):
-        raise InputError("name a network first, as in `ale-robot evaluate robot_pong`.")
     sys.argv = [f"ale-robot {name}", *given, *arguments]
     try:
         program = import_module(module)

@@ -20,7 +20,7 @@ PROGRAMS: dict[str, tuple[str, ...]] = {
     "record": ("viewer.__main__", "record"),
     "check": ("viewer.__main__", "check"),
     "film": ("viewer.__main__", "film"),
-    "evaluate": ("learner.__main__", "--evaluate"),
+    "evaluate": ("learner.evaluation.__main__",),
     "plot": ("learner.figures.plot",),
     "backup": ("learner.backup",),
     "policies": ("ale_robot.hub",),

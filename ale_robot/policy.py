@@ -15,6 +15,7 @@ from actors.envs.game_env import GameEnv
 from actors.envs.observation import NO_VECTOR, Observation
 from actors.policy import Policy
 from common.errors import InputError
+from common.process.played import settings_of
 from common.protocol.step_fields import FRAME_SHAPE
 from common.run.clock import ClockConfig
 from common.run.conditions import CameraConfig, PlayConfig
@@ -24,7 +25,6 @@ from common.run.origin import find_weights, name_of, origin_of
 from common.run.rules import check_play, check_robot
 from learner.evaluation import offline
 from learner.evaluation.options import EPSILON, GAMES, EvaluationOptions
-from viewer.player import settings_of
 
 
 class TrainedPolicy:
@@ -131,9 +131,10 @@ def evaluate(
     file = find_weights(weights)
     if (trained := origin_of(file)) is None:
         raise InputError(f"{file} has neither a card nor a run: keep it in its run's folder.")
-    options = EvaluationOptions(file, games=games, epsilon=epsilon, processes=processes)
+    options = EvaluationOptions(games=games, epsilon=epsilon, processes=processes)
     options.check()
     found = offline.evaluate(
+        file,
         options,
         replace(_changed(file, trained.for_play, play, camera), seed=seed),
         trained,

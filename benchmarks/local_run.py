@@ -55,7 +55,7 @@ class Setting(BenchmarkOptions):
     """More flags for `python -m learner`, as in --learner="--threads 2"."""
 
     def __str__(self) -> str:
-        told, _ = parse_run(LearnerOptions, "learner", self.flags(), stored_config)
+        told = parse_run(LearnerOptions, "learner", self.flags(), stored_config)
         learning = told.config.learning
         return (
             f"{self.game} ({self.env}){self.clock}, batches of {learning.batch_size}, "

@@ -185,7 +185,7 @@ def describe(options: LaunchOptions, flags: Sequence[str]) -> RunDescription:
     options.check()
     runs = options.runs.absolute()
     own = [*(("--run", options.run) if options.run is not None else ()), "--runs", str(runs)]
-    learner, _ = parse_run(LearnerOptions, "learner", [*own, *flags], stored_config)
+    learner = parse_run(LearnerOptions, "learner", [*own, *flags], stored_config)
     default = LearnerOptions(learner.config)
     for name in _SET_HERE:
         if getattr(learner, name) != getattr(default, name):

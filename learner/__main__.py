@@ -14,16 +14,16 @@ if __name__ == "__main__":
     leave_at_interrupt()
 
 import sys
-import threading
+from collections.abc import Sequence
 from functools import partial
 
 from common.process.command_line import parse_run
-from common.process.exit_codes import INTERRUPTED
-from common.process.lifeline import on_signals
-from common.process.log_lines import LOADING, say, say_aside, say_json
+from common.process.first_flags import read_first
+from common.process.log_lines import say, say_json
 from common.process.program_end import exit_on_input_error
 from common.process.restarts import with_restarts
 from learner import status
+from learner.evaluation import __main__ as evaluation
 from learner.options import LearnerOptions, opening, stored_config
 
 # PyTorch is loaded only where it is needed: help, a wrong flag and a status appear at once.
@@ -32,16 +32,10 @@ from learner.options import LearnerOptions, opening, stored_config
 def main() -> int | None:
     if "--status" in sys.argv[1:]:
         return status.main([each for each in sys.argv[1:] if each != "--status"])
-    options, stored = parse_run(LearnerOptions, "learner", sys.argv[1:], stored_config)
+    if (asked := _evaluation(sys.argv[1:])) is not None:
+        return evaluation.main(asked)
+    options = parse_run(LearnerOptions, "learner", sys.argv[1:], stored_config)
     options.check()
-    if options.evaluation.evaluate is not None:
-        say_aside(LOADING)
-        from learner.evaluation.offline import evaluate
-
-        stop = threading.Event()
-        on_signals(stop)
-        found = evaluate(options.evaluation, options.config, stored, options.clock, stop)
-        return INTERRUPTED if found is None else 0
     if options.log_json:
         say_json("learner")
     options.check_here()
@@ -49,6 +43,15 @@ def main() -> int | None:
     from learner.process import train
 
     return with_restarts("the learner", partial(train, options), options.restart)
+
+
+def _evaluation(arguments: Sequence[str]) -> list[str] | None:
+    """Returns the arguments of the evaluation that --evaluate asks for; None without that flag."""
+    known, rest = read_first(arguments, {"network": ["--evaluate"]})
+    if known:
+        return [known["network"], *rest]
+    without = [argument for argument in rest if argument != "--evaluate"]
+    return without if without != rest else None  # its network is missing
 
 
 if __name__ == "__main__":

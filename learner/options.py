@@ -3,11 +3,11 @@
 import os
 import shlex
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from operator import attrgetter
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 import tyro
 from annotated_types import Ge, Gt, Le
@@ -25,27 +25,15 @@ from common.registry import ALGORITHMS, SAMPLERS
 from common.run.clock import ClockConfig
 from common.run.config import MAX_ENVS, RunConfig
 from common.run.folder import Part, RunFolder
-from common.run.origin import origin_of
 from common.run.presets import PRESETS
 from common.run.ranges import NOTHING_DRAWN
 from common.transport.access_control import MAX_SESSIONS
 from common.transport.credentials import check_certificates
 from common.transport.endpoint import DEFAULT_ENDPOINT, check_endpoint, from_here
 from learner.device import DeviceChoice
-from learner.evaluation.options import EvaluationOptions
 from learner.telemetry.sinks.tracker import TRACKERS
 
 MAX_THREADS = 1_024
-
-
-_IN_AN_EVALUATION = {
-    "steps": "give --games or --test-steps",
-    "actors": "give --processes",
-    "envs": "give --processes",
-    "evaluators": "give --processes",
-    "run": "name the network before all flags, as in runs/NAME",
-}
-"""What to do instead, if an option looks like one of an evaluation."""
 
 
 @dataclass(frozen=True)
@@ -54,8 +42,18 @@ class LearnerOptions(RunOptions):
 
     The learner hosts the run's replay and hub, unless --connect names a replay in another process.
     Actors join from other terminals or machines with `ale-robot join`; with --local they are
-    started here. `ale-robot status` shows how a run is doing.
+    started here. `ale-robot status` shows how a run is doing, and `ale-robot evaluate` how well its
+    network plays.
     """
+
+    ELSEWHERE: ClassVar = {
+        **dict.fromkeys(
+            ("--games", "--headline", "--json", "--processes"),
+            "is for an evaluation, `ale-robot evaluate`: omit it",
+        ),
+        "--epsilon": "is for an evaluation: give --exploration.end or --protocol.test-epsilon",
+        "--test-steps": "is for an evaluation: give --protocol.test-steps",
+    }
 
     run: str | None = None
     """Name of the run; by default made of environment, game and preset."""
@@ -114,9 +112,6 @@ class LearnerOptions(RunOptions):
     for ever."""
     force: bool = False
     """Only warn, and train on, if a health check stays red or no progress is made."""
-    evaluation: tyro.conf.OmitArgPrefixes[EvaluationOptions] = field(
-        default_factory=EvaluationOptions
-    )
 
     def check(self) -> None:
         """Refuses flags that do not go together.
@@ -124,16 +119,12 @@ class LearnerOptions(RunOptions):
         Raises:
             InputError: it names the flags.
         """
-        self.evaluation.check()
         check_endpoint(self.connect or self.listen)
         if self.http is not None:
             check_address(self.http)
         if self.web is not None:
             web_address(self.web)
         self.clock.check(self.config.env)
-        if self.evaluation.evaluate is not None:
-            self._refuse_training()
-            return  # the games' own processes check the rest
         if (flag := self.clock.robot_flag) and not self.local:
             raise InputError(f"{flag} is for --local: give it to each `python -m actors`.")
         self._refuse_ignored()
@@ -185,16 +176,6 @@ class LearnerOptions(RunOptions):
         parts: tuple[Part, ...] = ("learner",) if self.connect else ("learner", "replay")
         for part in parts:
             folder.check_claim(part, self.config, resume=self.resume)
-
-    def _refuse_training(self) -> None:
-        """Refuses flags of a training, because a network is evaluated instead."""
-        usual = LearnerOptions(self.config)
-        for option in fields(self):
-            same = getattr(self, option.name) == getattr(usual, option.name)
-            if option.name not in ("config", "clock", "evaluation") and not same:
-                flag = f"--{option.name.replace('_', '-')}"
-                instead = _IN_AN_EVALUATION.get(option.name, "omit it")
-                raise InputError(f"{flag} is for a training, not for an evaluation: {instead}.")
 
     def _refuse_ignored(self) -> None:
         """Refuses flags that have no effect beside the others, or without them."""
@@ -292,10 +273,7 @@ def run_name(options: LearnerOptions) -> str:
 
 
 def stored_config(options: LearnerOptions) -> RunConfig | None:
-    """Returns the settings of the run to resume or the network to evaluate; None for neither."""
-    if options.evaluation.evaluate is not None:
-        trained = origin_of(options.evaluation.evaluate)
-        return trained and trained.for_play
+    """Returns the settings of the run to resume; None for a new one."""
     if options.resume:
         return RunFolder(options.runs, run_name(options)).stored_config()
     return None

@@ -81,9 +81,9 @@ def publish(options: Options, stop: threading.Event) -> dict[str, Any]:
     card["sha256"] = hashlib.sha256(published).hexdigest()
     write_atomically(weights, published)
     _write(options.output, card)
-    asked = EvaluationOptions(evaluate=weights, headline=True, games=options.games)
+    asked = EvaluationOptions(headline=True, games=options.games)
     asked.check()
-    scores = evaluate(asked, config.for_play, config.for_play, ClockConfig(), stop)
+    scores = evaluate(weights, asked, config.for_play, config.for_play, ClockConfig(), stop)
     if scores is None:
         told = "the evaluation was stopped, so the card has no scores: publish again."
         raise InputError(told, INTERRUPTED)

@@ -74,7 +74,7 @@ class ReplayOptions(RunOptions):
 
 def main() -> int | None:
     """Serves until Ctrl-C or SIGTERM."""
-    options, _ = parse_run(
+    options = parse_run(
         ReplayOptions,
         "replay",
         sys.argv[1:],

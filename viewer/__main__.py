@@ -24,12 +24,12 @@ from common.errors import InputError
 from common.process.command_line import parse
 from common.process.lifeline import on_signals
 from common.process.log_lines import LOADING, say, say_aside
+from common.process.played import Played, parse_played
 from common.process.program_end import exit_on_input_error
 from viewer.check import Check
 from viewer.draws import Draws
 from viewer.film import Film
 from viewer.human import Human
-from viewer.player import Played, parse_played
 from viewer.policies import Policies
 from viewer.record import Record
 from viewer.show import Play

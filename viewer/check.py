@@ -22,12 +22,13 @@ from actors.robots.latency import CHANGES, GOAL, Change, Latency, changes
 from actors.vision.layout import border_of
 from common.metrics import KEYS_AS_COMMANDED, PIXEL_DEVIATION, VALID_FRAMES, Bound
 from common.process.exit_codes import INTERRUPTED
+from common.process.played import Played
 from common.process.progress import Progress
 from common.run.conditions import PlayConfig
 from common.run.hands import keys_can_follow
 from viewer.panels import Panels
 from viewer.picture import check_picture, write_picture
-from viewer.player import File, Played, ShownPolicy, shown_env
+from viewer.player import File, ShownPolicy, shown_env
 
 AGENT_STEPS = 200
 MAX_CORNER_ERROR = 1.5

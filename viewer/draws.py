@@ -18,12 +18,13 @@ from actors.envs.shown_env import ShownEnv
 from actors.vision.layout import border_of
 from common.checked import FromOne
 from common.errors import InputError
+from common.process.played import Played
 from common.run.conditions import Conditions
 from common.run.config import RunConfig
 from common.run.ranges import RandomiseConfig, all_ranges
 from viewer import overlay
 from viewer.picture import check_picture, write_picture
-from viewer.player import Played, shown_env
+from viewer.player import shown_env
 
 _WIDTH, _HEIGHT = 480, 360
 """Size of the picture of one game, pixels."""

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from actors.loop import play, seeds_of
 from common.checked import Amount, Fraction
 from common.errors import InputError
+from common.process.played import Played
 from common.process.progress import Progress
 from common.run.epochs import EpochRow, EpochTable
 from common.run.folder import RunFolder, kept_networks
@@ -23,7 +24,7 @@ from common.run.origin import find_run, find_weights, shown_weights
 from viewer import overlay
 from viewer.movie import check_movie, open_movie
 from viewer.panels import Panels
-from viewer.player import File, Played, ShownPolicy, shown_env
+from viewer.player import File, ShownPolicy, shown_env
 from viewer.show import Play
 
 _CHAPTER = 8.0

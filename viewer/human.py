@@ -30,9 +30,9 @@ from common.games import MINIMAL_ACTIONS
 from common.minus import points
 from common.press_latency import COUNTS, KeyLatency
 from common.process.extras import check_extra
+from common.process.played import Played
 from common.registry import ENVIRONMENTS
 from common.run.clock import ClockConfig
-from viewer.player import Played
 from viewer.recorder import Recorder, check_new_folder
 from viewer.terminal.half_blocks import HalfBlocks
 from viewer.terminal.held_keys import HeldKeys

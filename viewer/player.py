@@ -1,34 +1,19 @@
 """What is played for show, and by whom: random actions, or a network that keeps its values."""
 
-from collections.abc import Sequence
 from contextlib import closing
-from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any
 
 import numpy as np
 import tyro
-from annotated_types import Ge, Lt
 from numpy.typing import NDArray
 
 from actors.envs import make_env
 from actors.envs.shown_env import ShownEnv
 from actors.policy import Policy
-from common.errors import InputError
-from common.process.command_line import WeightsFile, parse
-from common.process.config_file import with_file
-from common.process.first_flags import read_first
-from common.process.own_flags import going_on_from, own_help
-from common.registry import ENVIRONMENTS
+from common.process.command_line import WeightsFile
 from common.run.clock import ClockConfig
-from common.run.conditions import CameraConfig, PlayConfig
-from common.run.config import MAX_SEED, RunConfig
-from common.run.fit import check_fit
-from common.run.origin import origin_of
-from common.run.own_settings import defaults_of
-from common.run.presets import PRESETS
-from common.run.rules import check_play, check_robot
-from common.run.stored_config import differences, flat
+from common.run.config import RunConfig
 
 File = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
 Network = Annotated[WeightsFile | None, tyro.conf.Positional, tyro.conf.arg(metavar="[FILE]")]
@@ -38,108 +23,6 @@ Network = Annotated[WeightsFile | None, tyro.conf.Positional, tyro.conf.arg(meta
 def shown_env(config: RunConfig, clock: ClockConfig | None = None) -> closing[ShownEnv[Any, Any]]:
     """Returns a context of the environment of ``config``, whose episodes are whole games."""
     return closing(make_env(config, clock, training=False))
-
-
-def settings_of(network: Path | None, env: str = RunConfig.env) -> RunConfig:
-    """Returns the settings under which ``network`` plays unless flags say otherwise: those of its
-    run. Without a run or a card, they are those of the environment ``env``, with all 18 actions.
-    Raises InputError if the settings in the run or the card cannot be read."""
-    trained = None if network is None else origin_of(network)
-    if trained is not None:
-        return trained.for_play
-    config = PRESETS[ENVIRONMENTS.find(env).preset]
-    return replace(config, play=replace(config.play, minimal_actions=False))
-
-
-@dataclass(frozen=True)
-class Played:
-    """The flags that all commands share: the game and its conditions, and who plays it."""
-
-    env: str = RunConfig.env
-    """Environment: 'robot', 'ale', or a registered one."""
-    game: str = RunConfig.game
-    """Game: any that ale-py bundles."""
-    seed: Annotated[int, Ge(0), Lt(MAX_SEED)] = RunConfig.seed
-    """Seed of the games and the random actions; by default that of the network's training."""
-    play: PlayConfig = field(default_factory=PlayConfig)
-    camera: CameraConfig = field(default_factory=CameraConfig)
-
-    @property
-    def network(self) -> Path | None:
-        """The network that plays; None for random actions or a person."""
-        return None
-
-    @classmethod
-    def usual(cls, config: RunConfig) -> RunConfig:
-        """Returns the defaults of this command's flags, for a network whose settings are
-        ``config``."""
-        return config
-
-    def check(self) -> None:
-        """Refuses flags that cannot work, before PyTorch is loaded, which takes seconds. Raises
-        InputError that names the flag."""
-
-    def config(self) -> RunConfig:
-        """Returns the settings: those of the run of the network, changed by these flags.
-
-        Raises InputError if the flags cannot work, or if the network does not fit them.
-        """
-        usual = settings_of(self.network, self.env)
-        given = {name: getattr(self, name) for name in _settings_of(type(self))}
-        config = replace(usual, **given)
-        check_play(config)
-        check_robot(usual, config)
-        if self.network is not None:
-            check_fit(self.network, origin_of(self.network), config)
-        return config.pinned()
-
-    def changes(self) -> str:
-        """Returns in which settings the network plays otherwise than it was trained, as words for
-        people; an empty text if in none."""
-        if self.network is None or (trained := origin_of(self.network)) is None:
-            return ""
-        usual = replace(trained.for_play, seed=self.seed)
-        return ", ".join(differences(usual, self.config()))
-
-    def tell_changes(self) -> None:
-        """Prints `changes`, if there are any."""
-        if changes := self.changes():
-            print(f"other than trained: {changes}")
-
-
-_HELP = ("-h", "--help")
-P = TypeVar("P", bound=Played)
-
-
-def _settings_of(kind: type[Played]) -> list[str]:
-    """Returns the fields of a `RunConfig` that a command has flags for."""
-    return [each.name for each in fields(kind) if each.name in vars(RunConfig())]
-
-
-def parse_played(kind: type[P], program: str, arguments: Sequence[str]) -> P:
-    """Parses as `common.process.command_line.parse` does. What no flag gives is as in the run of
-    the network, or else as in the preset of the environment; ``--help`` shows these values."""
-    arguments = with_file(arguments, _settings_of(kind))
-    known, _ = read_first(arguments, {"env": ["--env"]})
-    usual = settings_of(None, known.get("env", RunConfig.env))
-    flags = [argument for argument in arguments if argument not in _HELP]
-    try:
-        command = _parse(kind, program, flags, usual)
-        trained = settings_of(command.network, command.env)
-    except InputError:
-        if flags == arguments:
-            raise
-        trained = usual  # its help is asked for, without a network
-    if trained == usual and flags == arguments:
-        return command
-    return _parse(kind, program, going_on_from(flat(trained), arguments), trained)
-
-
-def _parse(kind: type[P], program: str, arguments: Sequence[str], config: RunConfig) -> P:
-    usually, usual = defaults_of(kind), kind.usual(config)
-    needed = {each.name: tyro.MISSING for each in fields(kind) if each.name not in usually}
-    defaults = {name: getattr(usual, name) for name in _settings_of(kind)}
-    return parse(kind, program, arguments, own_help(arguments), **needed, **defaults)
 
 
 class ShownPolicy(Policy):

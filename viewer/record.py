@@ -16,9 +16,9 @@ from common.errors import InputError
 from common.minus import points
 from common.process.command_line import WeightsFile
 from common.process.extras import check_extra
+from common.process.played import Played
 from common.process.progress import Progress
 from common.run.clock import ClockConfig
-from viewer.player import Played
 from viewer.recorder import Recorder, check_new_folder
 
 

@@ -16,11 +16,12 @@ from common.counted import counted
 from common.errors import InputError
 from common.minus import minus_signed, points
 from common.process.extras import check_extra
+from common.process.played import Played
 from common.process.progress import Progress
 from common.run.clock import ClockConfig
 from viewer.movie import check_movie, open_movie
 from viewer.panels import Panels
-from viewer.player import File, Network, Played, ShownPolicy, shown_env
+from viewer.player import File, Network, ShownPolicy, shown_env
 from viewer.rerun_stream import RerunStream
 from viewer.terminal.rendering import ROOM_EVERY
 

@@ -24,12 +24,13 @@ from common.actions import KEYS_OF_ACTION
 from common.checked import Count, Fraction
 from common.counted import counted
 from common.minus import points
+from common.process.played import Played
 from common.q_bars import q_bars
 from common.run.config import RunConfig
 from common.run.origin import name_of, shown_weights
 from viewer import overlay
 from viewer.human import keys_text
-from viewer.player import Network, Played, ShownPolicy, shown_env
+from viewer.player import Network, ShownPolicy, shown_env
 from viewer.terminal.graphics import QUESTIONS, Graphics, GraphicsAnswers
 from viewer.terminal.half_blocks import HalfBlocks
 from viewer.terminal.held_keys import HeldKeys

@@ -19,9 +19,9 @@ from actors.policy import Policy
 from benchmarks.lab.policy import PlayingOptions
 from benchmarks.report import Report, Row, main
 from common.checked import Fraction, FromOne
+from common.process.played import settings_of
 from common.process.progress import Progress
 from common.run.config import RunConfig
-from viewer.player import settings_of
 
 _AFTER = {0: "the start", 1: "a point won", -1: "a point lost"}
 

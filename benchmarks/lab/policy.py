@@ -128,7 +128,7 @@ def evaluate(
         asked = ["--games", f"{games}", "--json", str(found)]
         if epsilon is not None:
             asked += ["--epsilon", f"{epsilon}"]
-        run_module("learner", "--evaluate", str(network), *asked, *flags, quiet=quiet)
+        run_module("learner.evaluation", str(network), *asked, *flags, quiet=quiet)
         content: dict[str, Any] = json.loads(found.read_bytes())
         return content
 

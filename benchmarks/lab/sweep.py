@@ -152,7 +152,7 @@ def _check_training(options: Options, drawn: Sequence[str]) -> None:
             epoch.
     """
     flags = ["--steps", f"{options.steps}", *split(options.learner), *drawn]
-    learner, _ = parse_run(LearnerOptions, "learner", ["--local", *flags], lambda _: None)
+    learner = parse_run(LearnerOptions, "learner", ["--local", *flags], lambda _: None)
     learner.check()
     config = learner.config
     first = config.replay.learning_starts + config.protocol.epoch_steps

@@ -9,7 +9,7 @@ import dataclasses
 import inspect
 import io
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, TypeVar, get_type_hints
 
@@ -110,7 +110,7 @@ def parse_run(
     program: str,
     arguments: Sequence[str],
     stored: Callable[[R], RunConfig | None],
-) -> tuple[R, RunConfig | None]:
+) -> R:
     """Parses as `parse` does, with the defaults of a stored run, or else those that the options
     have for their preset.
 
@@ -120,9 +120,6 @@ def parse_run(
     Args:
         stored: returns the stored configuration of the run that the options resume; None for a new
             run.
-
-    Returns:
-        the options, and what ``stored`` returned.
     """
     arguments = with_file(arguments)
     flags = [argument for argument in arguments if argument != ALL_RANGES]
@@ -141,7 +138,7 @@ def parse_run(
     config = options.config.pinned()
     if config != found:  # a stored run goes on, even if a new version of a package declares more
         config = config.in_full()
-    return dataclasses.replace(options, config=config), found
+    return dataclasses.replace(options, config=config)
 
 
 def started_by(module: str) -> str:
@@ -166,13 +163,15 @@ def parse(
 
     Raises:
         SystemExit: code 0 after ``--help`` and ``--version``.
-        InputError: a flag is unknown, lacks its value, or is out of the bounds beside its field.
+        InputError: a flag is unknown, lacks its value, or is out of the bounds beside its field; or
+            it is another program's, as the ``ELSEWHERE`` of ``kind`` says.
     """
     if "--version" in arguments:
         print(f"ale-robot {VERSION}")
         raise SystemExit(0)
     arguments = with_file(arguments)
     _refuse_former_flags(arguments)
+    _refuse_flags_of_others(kind, arguments)
     given: dict[str, Any] = {"default": kind(**defaults)} if defaults else {}
     command = started_by(program)
     with contextlib.redirect_stderr(io.StringIO()) as told:
@@ -198,11 +197,12 @@ def check_bounds(options: Any) -> None:
     Groups are skipped, because they check themselves, and so are texts, which may be long on a
     command line. Raises InputError with the flag and what to choose.
     """
-    for name, hint in get_type_hints(type(options), include_extras=True).items():
+    hints = get_type_hints(type(options), include_extras=True)
+    for name in (field.name for field in dataclasses.fields(options)):
         value = getattr(options, name)
         if not (dataclasses.is_dataclass(value) or isinstance(value, str)):
             try:
-                build(hint, value, f"--{name.replace('_', '-')}")
+                build(hints[name], value, f"--{name.replace('_', '-')}")
             except Invalid as error:
                 raise InputError(f"{error}.") from None
 
@@ -224,3 +224,12 @@ def _refuse_former_flags(arguments: Sequence[str]) -> None:
             raise InputError(f"{former} is gone, because no result was better with it: omit it.")
         if former in PRESENT_FLAGS:
             raise InputError(f"{former} is now called {PRESENT_FLAGS[former]}: use that name.")
+
+
+def _refuse_flags_of_others(kind: Any, arguments: Sequence[str]) -> None:
+    """Raises InputError for a flag that ``kind`` knows as another program's, with what to do."""
+    elsewhere: Mapping[str, str] = getattr(kind, "ELSEWHERE", {})
+    for argument in arguments:
+        flag = argument.partition("=")[0].replace("_", "-")
+        if flag in elsewhere:
+            raise InputError(f"{flag} {elsewhere[flag]}.")

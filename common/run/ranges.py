@@ -63,8 +63,8 @@ class Drawn:
 class RandomiseConfig:
     """Ranges from which each game draws its conditions, uniformly, around the settings of `play`
     and `camera`. All are off by default; --randomise.all sets every range without a flag of its own
-    to that of docs/conditions.md. The test of each epoch draws too; --evaluate draws only what its
-    own flags say."""
+    to that of docs/conditions.md. The test of each epoch draws too; an evaluation draws only what
+    its own flags say."""
 
     latency: Annotated[Count, Drawn(_plus_whole, 12, "play.actuation_latency")] = 0
     """Maximum additional actuation latency, emulator frames of 16.7 ms."""

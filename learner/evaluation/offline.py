@@ -1,4 +1,4 @@
-"""`python -m learner --evaluate FILE`: plays many whole games of one network, in several processes.
+"""Plays many whole games of one network, in several processes.
 
 The number of games of each process is fixed before the first one starts. Taking whichever games end
 first would overcount short games, which are defeats.
@@ -10,6 +10,7 @@ import threading
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import asdict, replace
+from pathlib import Path
 from queue import Empty, Queue
 from typing import Any
 
@@ -41,6 +42,7 @@ _POLL = 0.5
 
 
 def evaluate(
+    network: Path,
     options: EvaluationOptions,
     config: RunConfig,
     trained: RunConfig | None,
@@ -51,6 +53,7 @@ def evaluate(
     """Plays the games, prints the table and writes the JSON file.
 
     Args:
+        network: file of the weights.
         config: settings to play under.
         trained: settings that the network was trained under; None if they are unknown.
 
@@ -62,14 +65,13 @@ def evaluate(
     """
     made_by = provenance()
     console = console or Console(highlight=False)
-    assert options.evaluate is not None
-    check_fit(options.evaluate, trained, config)
-    load_weights_file(build_network(config, config.action_count), options.evaluate, "this game")
-    rows = _rows(options, config, trained, clock, stop, console)
+    check_fit(network, trained, config)
+    load_weights_file(build_network(config, config.action_count), network, "this game")
+    rows = _rows(network, options, config, trained, clock, stop, console)
     if rows is None:
         return None
     content: dict[str, Any] = {
-        "weights": name_of(options.evaluate),
+        "weights": name_of(network),
         "seed": config.seed,
         "flags": clock.flags(),
         **({"rows": rows} if options.headline else rows[0]),
@@ -91,6 +93,7 @@ def evaluate(
 
 
 def _rows(
+    network: Path,
     options: EvaluationOptions,
     config: RunConfig,
     trained: RunConfig | None,
@@ -109,7 +112,7 @@ def _rows(
         for number, measure in enumerate(measures, 1):
             settings = replace(config, play=replace(config.play, sticky=measure.sticky))
             found: list[dict[str, Any]] = []
-            for game in play(options, measure.epsilon, settings, clock.flags(), stop):
+            for game in play(network, options, measure.epsilon, settings, clock.flags(), stop):
                 found.append(game)
                 played += 1
                 if not console.is_terminal:  # a log lists the games one by one
@@ -144,6 +147,7 @@ def _unusual(settings: RunConfig) -> list[str]:
 
 
 def play(
+    network: Path,
     options: EvaluationOptions,
     epsilon: float,
     config: RunConfig,
@@ -153,6 +157,7 @@ def play(
     """Plays games in several processes, and yields them as they end.
 
     Args:
+        network: file of the weights.
         epsilon: share of random actions.
         flags: additional flags of each playing process, such as ``["--no-sync"]``.
 
@@ -161,7 +166,7 @@ def play(
     """
     count = options.at_once
     arguments = {
-        "--weights": options.evaluate,
+        "--weights": network,
         "--settings": to_json(config),
         "--epsilon": epsilon,
         "--steps": -(-(options.test_steps or 0) // count),

@@ -1,8 +1,8 @@
-"""The options of `python -m learner --evaluate`: how many games, under how much chance."""
+"""What an evaluation plays: how many games, under how much chance."""
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -10,7 +10,7 @@ import tyro
 
 from common.checked import Count, Fraction, FromOne
 from common.errors import InputError
-from common.process.command_line import WeightsFile, check_bounds
+from common.process.command_line import check_bounds
 from common.registry import ENVIRONMENTS
 from common.run.config import RunConfig
 from learner.telemetry.provenance import check_results_file
@@ -39,22 +39,11 @@ HEADLINE = (
 )
 """The measurements that describe a policy together; none of them alone says what it can do."""
 
-_IN_TRAINING = {
-    "test_steps": "give --protocol.test-steps for the tests of a training",
-    "epsilon": "give --exploration.end or --protocol.test-epsilon for a training",
-}
-"""What to do instead, if an option looks like one of a training."""
-
 
 @dataclass(frozen=True)
 class EvaluationOptions:
-    """Evaluate a network over whole games, instead of training one."""
+    """How many games are played, under how much chance, and where the results go."""
 
-    evaluate: WeightsFile | None = None
-    """Network to evaluate, such as robot_pong or runs/NAME/snapshots/best.safetensors. It plays
-    under its run's settings, except for those given here, such as --env, --play.actuation-latency,
-    --camera.noise or --seed. No conditions are drawn, even if the run drew some, unless a
-    --randomise flag is given. --sync, --wait-action and --speed apply too."""
     headline: bool = False
     """Three evaluations in one table and one file: with 0.001 random actions, with 0.05 as in 2017,
     and with 0.001 under sticky actions (--play.sticky 0.25), which only Atari games have."""
@@ -77,20 +66,10 @@ class EvaluationOptions:
             InputError: an option is out of bounds or has no effect, or the file cannot be written.
         """
         check_bounds(self)
-        if self.evaluate is None:
-            self._refuse_all()
         if self.headline and self.epsilon is not None:
             raise InputError("--headline has its own shares of random actions: omit --epsilon.")
         if self.json is not None:
             check_results_file(self.json)  # before the games, not after them
-
-    def _refuse_all(self) -> None:
-        """Raises InputError for any of these options, because no network is evaluated."""
-        for option in fields(self):
-            if getattr(self, option.name) != option.default:
-                flag = f"--{option.name.replace('_', '-')}"
-                instead = _IN_TRAINING.get(option.name, "name a network to evaluate, or omit it")
-                raise InputError(f"{flag} is for an evaluation (--evaluate): {instead}.")
 
     @property
     def game_count(self) -> int:

@@ -25,7 +25,7 @@ _BAR, _MEAN = "#67a9cf", "#0b3c6f"
 
 
 class Evaluation(NamedTuple):
-    """The scores of an evaluation by `python -m learner --evaluate`."""
+    """The scores of an evaluation by `ale-robot evaluate`."""
 
     name: str
     scores: list[float]

@@ -82,13 +82,14 @@ def test_a_command_is_its_program_with_its_flags_before_the_users(
         called.append([*sys.argv])
         return 3
 
-    monkeypatch.setitem(sys.modules, "learner.__main__", SimpleNamespace(main=main))
+    for module in ("learner.__main__", "learner.evaluation.__main__"):
+        monkeypatch.setitem(sys.modules, module, SimpleNamespace(main=main))
     assert run(monkeypatch, "train", "--seed", "2") == 3
     assert run(monkeypatch, "evaluate", "robot_pong") == 3
     assert run(monkeypatch, "train", "--env", "ale", "--help-all") == 3
     assert called == [
         ["ale-robot train", "--local", "--seed", "2"],
-        ["ale-robot evaluate", "--evaluate", "robot_pong"],
+        ["ale-robot evaluate", "robot_pong"],
         ["ale-robot train", "--help", "--env", "ale"],  # the help depends on the flags
     ]
 
@@ -96,7 +97,7 @@ def test_a_command_is_its_program_with_its_flags_before_the_users(
 def test_programs_that_compute_nothing_or_tell_only_their_flags_load_no_pytorch() -> None:
     modules = (
         *("actors.__main__", "ale_robot.hub", "deploy.__main__", "learner.__main__"),
-        *("learner.status", "viewer.__main__"),
+        *("learner.evaluation.__main__", "learner.status", "viewer.__main__"),
     )
     code = f"import sys, {', '.join(modules)}; sys.exit('torch' in sys.modules)"
     subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT)
@@ -135,8 +136,8 @@ def test_what_is_no_command_is_told_with_those_that_are(monkeypatch: pytest.Monk
 
 
 def test_an_evaluation_without_a_network_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    for arguments in ([], ["--games", "2"], ["--games", "2", "robot_pong"]):
-        with pytest.raises(InputError, match=r"^name a network first, as in `ale-robot evaluate"):
+    for arguments in ([], ["--games", "2"]):
+        with pytest.raises(InputError, match=r"^FILE is missing \(Network to evaluate"):
             run(monkeypatch, "evaluate", *arguments)
 
 

@@ -37,7 +37,7 @@ def begins_and_resumes(command: Sequence[str]) -> tuple[LearnerOptions, list[str
     at, again = (i for i in range(len(words)) if words[i : i + 4] == program and i)
     assert words[:at] == ["if", "[", "-e", "/runs/pong/replay", "]", ";", "then"]
     resumed, begun = words[at + 4 : again - 2], words[again + 4 : -2]
-    options, _ = parse_run(LearnerOptions, "learner", begun, lambda options: None)
+    options = parse_run(LearnerOptions, "learner", begun, lambda options: None)
     options.check()
     assert options.config.learning.n_step == 5
     assert options.initial is not None

@@ -41,8 +41,8 @@ def test_the_replay_has_the_settings_that_the_learners_flags_mean(
     assert (shell, dash_c) == ("sh", "-c")
     assert told is not None
     assert told[1] == told[2]
-    replay, _ = parse_run(ReplayOptions, "replay", told[2].split(), lambda _: None)
-    learner, _ = parse_run(LearnerOptions, "learner", flags, lambda _: None)
+    replay = parse_run(ReplayOptions, "replay", told[2].split(), lambda _: None)
+    learner = parse_run(LearnerOptions, "learner", flags, lambda _: None)
     assert replay.config == learner.config
     assert replay.config.replay.capacity == 54_321
     assert (replay.actor_quota, replay.log_json, replay.restart) == (77, True, 2)
@@ -64,7 +64,7 @@ def test_a_learner_that_only_waited_for_its_replay_still_knows_what_it_begins_wi
     )
     assert told is not None
     assert told[1] == told[2]
-    learner, _ = parse_run(LearnerOptions, "learner", told[1].split(), lambda _: None)
+    learner = parse_run(LearnerOptions, "learner", told[1].split(), lambda _: None)
     learner.check()
     assert learner.initial is not None
     assert (learner.connect, learner.patience) == ("tcp/replay:7447", float("inf"))

@@ -62,7 +62,7 @@ def test_the_first_start_begins_a_run_and_others_go_on_with_it(tmp_path: Path) -
     )
     for unit, kind in ((learner, LearnerOptions), (replay, ReplayOptions)):
         first = flags_of(unit, tmp_path, "--game breakout")
-        options, _ = parse_run(kind, "program", first, lambda _: None)
+        options = parse_run(kind, "program", first, lambda _: None)
         assert isinstance(options, LearnerOptions | ReplayOptions)
         assert (options.run, options.resume, options.config.game) == ("r", False, "breakout")
         assert options.http is not None

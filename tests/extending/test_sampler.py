@@ -12,6 +12,7 @@ import pytest
 from benchmarks.entry_point import add_entry_point
 from common.errors import InputError
 from common.network import build_network
+from common.process.played import settings_of
 from common.protocol.announcement import Announcement
 from common.protocol.weights import encode_weights
 from common.registry import SAMPLERS, SamplerKind
@@ -22,7 +23,6 @@ from tests.end_to_end.conftest import SMALL, Stage
 from tests.extending.toy_sampler import NEWEST
 from tests.extending.whole_run import added
 from tests.replay.replay_reference import GOES_ON, Actor, make_config
-from viewer.player import settings_of
 
 
 def test_it_draws_and_hears_of_priorities_after_a_restart_too(tmp_path: Path) -> None:

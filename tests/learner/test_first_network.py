@@ -24,7 +24,7 @@ ALE = ("--env", "ale")
 def config(flags: tuple[str, ...]) -> RunConfig:
     """Returns the settings of a run that has ``flags``, of the robot unless they say otherwise."""
     given = ["--env", "robot", *flags]
-    return parse_run(LearnerOptions, "learner", given, lambda _: None)[0].config
+    return parse_run(LearnerOptions, "learner", given, lambda _: None).config
 
 
 def kept(trained: RunConfig, folder: Path) -> tuple[QNetwork, Path]:
@@ -36,7 +36,7 @@ def kept(trained: RunConfig, folder: Path) -> tuple[QNetwork, Path]:
 
 def begun_with(file: Path, *flags: str) -> LearnerOptions:
     given = ["--env", "robot", "--initial", str(file), *flags]
-    return parse_run(LearnerOptions, "learner", given, lambda _: None)[0]
+    return parse_run(LearnerOptions, "learner", given, lambda _: None)
 
 
 def values(network: QNetwork, told: int) -> np.ndarray:

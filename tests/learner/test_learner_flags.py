@@ -16,6 +16,7 @@ from common.errors import InputError
 from common.process.command_line import parse, parse_run
 from common.process.exit_codes import NO_ROOM
 from common.process.log_lines import LOADING
+from common.process.played import parse_played
 from common.protocol.weights import encode_weights
 from common.run.clock import ClockConfig
 from common.run.config import RunConfig
@@ -23,6 +24,7 @@ from common.run.folder import RunFolder
 from common.run.presets import PRESETS
 from common.run.ranges import RandomiseConfig, all_ranges
 from learner.__main__ import main
+from learner.evaluation.__main__ import Evaluation
 from learner.first_network import first_network
 from learner.options import (
     LearnerOptions,
@@ -38,7 +40,7 @@ from tests.certificates import certify
 
 
 def learner(*arguments: str) -> LearnerOptions:
-    options, _ = parse_run(LearnerOptions, "learner", arguments, lambda _: None)
+    options = parse_run(LearnerOptions, "learner", arguments, lambda _: None)
     options.check()
     return options
 
@@ -182,7 +184,7 @@ def test_presets_and_runs_may_have_what_the_algorithm_ignores() -> None:
     begun = replace(
         fast, learning=replace(fast.learning, algorithm="dqn", quantiles=9)
     )  # before it was refused
-    parse_run(LearnerOptions, "learner", ["--resume", "--run", "r"], lambda _: begun)[0].check()
+    parse_run(LearnerOptions, "learner", ["--resume", "--run", "r"], lambda _: begun).check()
     assert learner("--stall-minutes", "inf").stall_minutes == float("inf")
 
 
@@ -214,6 +216,12 @@ def test_an_actor_joins_only_the_run_that_is_asked_for() -> None:
                     options.check_against(run)
 
 
+def evaluation(*arguments: str) -> RunConfig:
+    command = parse_played(Evaluation, "learner.evaluation", arguments)
+    command.check()
+    return command.config()
+
+
 def test_settings_are_the_runs_that_is_gone_on_with_or_evaluated(tmp_path: Path) -> None:
     trained = replace(PRESETS["paper"], game="breakout", seed=7)
     folder = RunFolder(tmp_path, "r")
@@ -221,15 +229,15 @@ def test_settings_are_the_runs_that_is_gone_on_with_or_evaluated(tmp_path: Path)
     folder.checkpoint.write_bytes(save({}))
 
     def found(*arguments: str) -> object:
-        return parse_run(LearnerOptions, "learner", arguments, stored_config)[0].config
+        return parse_run(LearnerOptions, "learner", arguments, stored_config).config
 
     here = ("--runs", str(tmp_path), "--run", "r")
     assert found(*here) == PRESETS["robot"]
     assert found(*here, "--resume") == trained
-    network = ("--evaluate", str(folder.checkpoint))
-    assert found(*network) == trained
+    network = str(folder.checkpoint)
+    assert evaluation(network) == trained
     delayed = replace(trained, env="robot", play=replace(trained.play, press_latency=2))
-    assert found(*network, "--env", "robot", "--play.press-latency", "2") == delayed
+    assert evaluation(network, "--env", "robot", "--play.press-latency", "2") == delayed
 
 
 def test_an_evaluation_draws_only_what_it_is_told_to(tmp_path: Path) -> None:
@@ -241,14 +249,17 @@ def test_an_evaluation_draws_only_what_it_is_told_to(tmp_path: Path) -> None:
     folder.checkpoint.write_bytes(save({}))
 
     def found(*arguments: str) -> RunConfig:
-        options, _ = parse_run(LearnerOptions, "learner", arguments, stored_config)
-        options.check()  # a curriculum has no ranges to grow here, and needs none
+        options = parse_run(LearnerOptions, "learner", arguments, stored_config)
+        options.check()
         return options.config
 
-    network = ("--evaluate", str(folder.checkpoint))
-    assert found(*network) == replace(trained, randomise=RandomiseConfig())
-    assert found(*network, "--randomise.gamma", "1.5").randomise == RandomiseConfig(gamma=1.5)
-    assert found(*network, "--randomise.all").randomise == all_ranges("robot")
+    network = str(folder.checkpoint)  # a curriculum has no ranges to grow here, and needs none
+    assert evaluation(network) == replace(trained, randomise=RandomiseConfig())
+    assert evaluation(network, "--randomise.gamma", "1.5").randomise == RandomiseConfig(gamma=1.5)
+    drawn = evaluation(network, "--randomise.all", "--randomise.gamma", "1.2").randomise
+    assert drawn == replace(all_ranges("robot"), gamma=1.2)
+    by_emulator = evaluation(network, "--env", "ale", "--randomise.all").randomise
+    assert by_emulator == all_ranges("ale") != all_ranges("robot")
     assert found("--runs", str(tmp_path), "--run", "r", "--resume") == trained
 
 
@@ -296,6 +307,34 @@ def test_a_program_says_that_it_starts_once_its_flags_are_known_to_be_right(
     assert said(ImportError, "--steps", "500000") == (f"{LOADING}\n", "")
     # Standard output has only the results.
     assert said(ImportError, *evaluation) == ("", f"{LOADING}\n")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--games", "5"), r"--games is for an evaluation, `ale-robot evaluate`: omit it\."),
+        (("--headline",), r"--headline is for an evaluation"),
+        (("--processes=0",), r"--processes is for an evaluation"),
+        (("--json", "x/y.json"), r"--json is for an evaluation"),
+        (("--test-steps", "6000"), r"--test-steps is .*: give --protocol\.test-steps\."),
+        (("--test_steps", "0"), r"--test-steps is .*: give --protocol\.test-steps\."),
+        (("--epsilon", "0.1"), r"give --exploration\.end or --protocol\.test-epsilon\."),
+        (("--evaluate",), r"FILE is missing \(Network to evaluate,"),
+        (("--evaluate", "robot_pong", "--steps", "5"), r"training: give --games or --test-steps\."),
+        (("--evaluate", "robot_pong", "--envs", "5"), r"training: give --processes\."),
+        (("--evaluate=robot_pong", "--run", "r"), r"training: name the network alone, as in `ale"),
+        (("--evaluate", "robot_pong", "--learning.n-step", "5"), r"no flag --learning\.n-step"),
+        (("--evaluate", "ale_pong", "--no-sync"), r"--no-sync is for a robot"),
+    ],
+)
+def test_flags_of_another_program_are_told(
+    arguments: tuple[str, ...], words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", ["learner", *arguments])
+    with pytest.raises(InputError, match=words):
+        main()
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("place", ["runs", "runs/r"])

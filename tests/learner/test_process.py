@@ -30,7 +30,7 @@ def test_a_start_that_is_killed_leaves_its_network_or_nothing_to_resume(
     here = ("--runs", str(tmp_path), "--run", "r", "--env", "ale", "--learning.network=nips")
 
     def options(*more: str) -> LearnerOptions:
-        return parse_run(LearnerOptions, "learner", [*here, *more], stored_config)[0]
+        return parse_run(LearnerOptions, "learner", [*here, *more], stored_config)
 
     folder = RunFolder(tmp_path, "r")
     given, network = tmp_path / "given.safetensors", first_network(options("--seed=7"), folder)
@@ -67,7 +67,7 @@ def test_a_learner_that_is_stopped_while_it_sends_demonstrations_publishes_no_we
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, stopped: bool
 ) -> None:
     given = ["--runs", str(tmp_path), "--run", "r", "--env", "ale", "--threads=1"]
-    options, _ = parse_run(LearnerOptions, "learner", given, stored_config)
+    options = parse_run(LearnerOptions, "learner", given, stored_config)
     sent = None if stopped else Mock(encode=lambda: b"complete")
     recorded = Mock(insert=lambda *given: sent, begun=Mock(encode=lambda: b"begun"))
     learner, replay = MagicMock(failed=None, done=False), Mock(run_id="id")
@@ -108,7 +108,7 @@ def test_the_reason_for_which_a_run_ends_itself_is_in_its_log(
     learner.start = folder.checkpoint.touch
     monkeypatch.setattr(process, "build_learner", Mock(return_value=learner))
     flags = ["--runs", str(tmp_path), "--run", "r", "--env", "ale", "--threads=1"]
-    options = parse_run(LearnerOptions, "learner", flags, stored_config)[0]
+    options = parse_run(LearnerOptions, "learner", flags, stored_config)
     assert process.train(options, again=False) == 3
     (kept,) = (folder.logs / "learner.jsonl").read_text().splitlines()
     told = json.loads(kept)

@@ -12,6 +12,7 @@ import torch
 from common.errors import InputError
 from common.network import build_network
 from common.process.exit_codes import INTERRUPTED
+from common.process.played import settings_of
 from common.protocol.weights import encode_weights
 from common.run.config import RunConfig
 from common.run.presets import PRESETS
@@ -19,7 +20,7 @@ from common.run.ranges import RandomiseConfig
 from common.run.stored_config import to_json
 from learner.evaluation.snapshots import Snapshots
 from learner.publish import Options, main, publish
-from viewer.player import ShownPolicy, settings_of
+from viewer.player import ShownPolicy
 
 FAST = PRESETS["fast"]
 CONFIG = replace(
@@ -87,7 +88,9 @@ def test_no_conditions_are_drawn_for_the_scores_of_the_card(
 ) -> None:
     played: list[RunConfig] = []
 
-    def evaluate(asked: object, config: RunConfig, *others: object) -> dict[str, str]:
+    def evaluate(
+        network: Path, asked: object, config: RunConfig, *others: object
+    ) -> dict[str, str]:
         played.append(config)
         return {}
 

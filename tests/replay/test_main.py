@@ -155,7 +155,7 @@ def test_a_hub_that_cannot_be_asked_for_its_runs_is_left(monkeypatch: pytest.Mon
     transport.__enter__.return_value = transport
     transport.gather.side_effect = RuntimeError("closed")
     monkeypatch.setattr(replay_main, "connect", lambda *_, **__: transport)
-    options, _ = parse_run(
+    options = parse_run(
         ReplayOptions, "replay", ["--run", RUN, "--connect", "tcp/127.0.0.1:1"], lambda _: None
     )
     with pytest.raises(RuntimeError):
@@ -166,8 +166,8 @@ def test_a_hub_that_cannot_be_asked_for_its_runs_is_left(monkeypatch: pytest.Mon
 def test_with_the_same_initial_network_its_settings_are_those_of_the_learner() -> None:
     """`ale_pong` has other layers than the preset's."""
     flags = ["--run", RUN, "--preset", "fast", "--initial", "ale_pong"]
-    learner, _ = parse_run(LearnerOptions, "learner", flags, lambda _: None)
-    replay, _ = parse_run(ReplayOptions, "replay", flags, lambda _: None)
+    learner = parse_run(LearnerOptions, "learner", flags, lambda _: None)
+    replay = parse_run(ReplayOptions, "replay", flags, lambda _: None)
     assert replay.config == learner.config
     assert replay.config.learning.layer_norm != _FAST.learning.layer_norm
 

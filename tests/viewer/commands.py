@@ -5,8 +5,8 @@ from typing import TypeVar
 
 import pytest
 
+from common.process.played import Played, parse_played
 from viewer.__main__ import main
-from viewer.player import Played, parse_played
 
 P = TypeVar("P", bound=Played)
 

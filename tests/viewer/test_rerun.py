@@ -20,6 +20,7 @@ from actors.robots.room.furniture import PICTURE_CORNERS
 from actors.vision.layout import BORDER
 from common.actions import Keys
 from common.errors import InputError
+from common.process.played import settings_of
 from common.registry import ENVIRONMENTS, ROBOTS
 from common.run.origin import find_weights
 from tests.extending.test_environment import CONFIG as LAMPS_CONFIG
@@ -28,7 +29,7 @@ from tests.extending.test_robot import FINGER
 from tests.extending.test_robot import config as finger_config
 from tests.extending.whole_run import added
 from tests.viewer.rrd import at, recorded
-from viewer.player import ShownPolicy, settings_of, shown_env
+from viewer.player import ShownPolicy, shown_env
 from viewer.rerun_stream import RerunStream
 
 STEPS = 54

@@ -25,6 +25,7 @@ from common.pinned_file import pin
 from common.process.command_line import parse
 from common.process.exit_codes import INTERRUPTED
 from common.process.log_lines import LOADING
+from common.process.played import Played
 from common.protocol.weights import encode_weights
 from common.registry import ENVIRONMENTS, ROBOTS, Environment, RobotKind
 from common.run.clock import ClockConfig
@@ -43,7 +44,7 @@ from viewer.__main__ import COMMANDS, main
 from viewer.check import CORNERS_IN_PLACE, Check
 from viewer.film import Film
 from viewer.human import Human
-from viewer.player import Played, ShownPolicy, shown_env
+from viewer.player import ShownPolicy, shown_env
 from viewer.show import Play
 from viewer.watch import Watch
 

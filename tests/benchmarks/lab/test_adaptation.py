@@ -26,7 +26,7 @@ POLICIES = ROOT / "policies"
 
 
 def parsed(flags: Sequence[str]) -> RunConfig:
-    return parse_run(LearnerOptions, "learner", flags, lambda _: None)[0].config
+    return parse_run(LearnerOptions, "learner", flags, lambda _: None).config
 
 
 @pytest.mark.parametrize("name", ["ale_pong", "robot_pong"])

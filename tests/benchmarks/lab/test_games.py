@@ -37,7 +37,7 @@ class Lab:
         if not self.left:
             raise KeyboardInterrupt
         self.left -= 1
-        given = parse_run(LearnerOptions, "learner", flags, lambda _: None)[0]
+        given = parse_run(LearnerOptions, "learner", flags, lambda _: None)
         config = given.config
         assert (steps, config.preset, config.seed, given.evaluators) == (2_000, "robot", 7, 0)
         self.trained.append((config.game, config.env))

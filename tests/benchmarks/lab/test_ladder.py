@@ -22,7 +22,7 @@ def differing(rung: Rung) -> dict[str, object]:
     """The settings in which a rung's run is not the plain robot's."""
 
     def settings_of(flags: list[str]) -> dict[str, object]:
-        config = parse_run(LearnerOptions, "learner", flags, lambda _: None)[0].config
+        config = parse_run(LearnerOptions, "learner", flags, lambda _: None).config
         return {"env": config.env, **vars(config.play), "learning": config.learning}
 
     robot = settings_of(Options("R5").flags(1))

@@ -52,7 +52,7 @@ def test_a_training_that_was_killed_before_its_first_checkpoint_goes_on(
     options: list[LearnerOptions] = []
 
     def learner(module: str, *arguments: str) -> None:
-        asked, _ = parse_run(LearnerOptions, module, arguments, stored_config)
+        asked = parse_run(LearnerOptions, module, arguments, stored_config)
         asked.check_here()
         options.append(asked)
         folder.summary.parent.mkdir(exist_ok=True)

@@ -60,7 +60,7 @@ class Lab:
     def train(self, folder: RunFolder, steps: int, flags: Sequence[str]) -> dict[str, Any]:
         self.trained.append(folder.name)
         assert steps == 2_000
-        options = parse_run(LearnerOptions, "learner", flags, lambda _: None)[0]
+        options = parse_run(LearnerOptions, "learner", flags, lambda _: None)
         assert (options.keep_snapshots, options.evaluators, options.envs) == (True, 0, 4)
         assert options.config.protocol.epoch_steps == 500
         folder.path.mkdir(parents=True, exist_ok=True)
@@ -243,7 +243,7 @@ def test_a_whole_race_in_one_process(monkeypatch: pytest.MonkeyPatch, tmp_path: 
     """Trains, keeps weights and plays games of Catch; only the processes are not there."""
 
     def parsed(*flags: str) -> LearnerOptions:
-        return parse_run(LearnerOptions, "learner", flags, lambda _: None)[0]
+        return parse_run(LearnerOptions, "learner", flags, lambda _: None)
 
     def train(folder: RunFolder, steps: int, flags: Sequence[str]) -> dict[str, Any]:
         given = parsed(*flags)
@@ -253,26 +253,28 @@ def test_a_whole_race_in_one_process(monkeypatch: pytest.MonkeyPatch, tmp_path: 
         return summary
 
     def play(
+        network: Path,
         given: EvaluationOptions,
         epsilon: float,
         config: RunConfig,
         flags: Sequence[str],
         stop: threading.Event,
     ) -> Iterator[dict[str, Any]]:
-        assert given.evaluate is not None
         yield from games(
             config,
-            GamesOptions(given.evaluate, "", 800, epsilon, given.game_count),
+            GamesOptions(network, "", 800, epsilon, given.game_count),
             stop,
         )
 
     def evaluate(
         network: Path, games: int, epsilon: float | None, flags: Sequence[str] = (), *, quiet: bool
     ) -> Any:
-        given = EvaluationOptions(network, bool(flags), games, epsilon=epsilon)
+        given = EvaluationOptions(bool(flags), games, epsilon=epsilon)
         config = parsed("--env", "catch", *shlex.split(QUICK)).config
         nobody = Console(file=io.StringIO())
-        return offline.evaluate(given, config, config, ClockConfig(), threading.Event(), nobody)
+        return offline.evaluate(
+            network, given, config, config, ClockConfig(), threading.Event(), nobody
+        )
 
     monkeypatch.setattr(race, "train", train)
     monkeypatch.setattr(offline, "play", play)

@@ -13,22 +13,21 @@ from benchmarks.lab.policy import evaluate
 from benchmarks.lab.robustness import OPTICS, cell_flags
 from benchmarks.report import run
 from common.errors import InputError
-from common.process.command_line import parse_run
+from common.process.played import parse_played
 from common.run.config import RunConfig
-from common.run.presets import PRESETS
 from common.run.ranges import RandomiseConfig
-from learner.options import LearnerOptions
+from learner.evaluation.__main__ import Evaluation
 from tests.paths import ROOT
 
 POLICY = ROOT / "policies" / "robot_pong.safetensors"
 
 
-def played(flags: Sequence[str]) -> RunConfig:
-    return parse_run(LearnerOptions, "learner", flags, lambda _: PRESETS["robot"])[0].config
+def played(flags: Sequence[str], policy: Path = POLICY) -> RunConfig:
+    return parse_played(Evaluation, "learner.evaluation", [str(policy), *flags]).config()
 
 
-def test_the_first_cell_is_the_world_of_the_preset() -> None:
-    assert played(cell_flags(0, "nominal", 0.0)) == PRESETS["robot"]
+def test_the_first_cell_is_the_world_of_the_training() -> None:
+    assert played(cell_flags(0, "nominal", 0.0)) == played([])
 
 
 def test_a_cell_adds_its_own_latency_and_optics() -> None:
@@ -147,7 +146,9 @@ def test_another_robot_may_play(games: Games, tmp_path: Path) -> None:
     content = grid(tmp_path / "grid.json", "--robot", "robotroller", "--optics", "nominal")
     assert content["network"] == f"{POLICY.stem} by robotroller"
     assert {each["--play.robot"] for each in games.flags} == {"robotroller"}
-    assert played(cell_flags(0, "nominal", 0.0, "robotroller")).play.robot == "robotroller"
+    any_hands = POLICY.with_stem("robot_pong_robust")
+    flags = cell_flags(0, "nominal", 0.0, "robotroller")
+    assert played(flags, any_hands).play.robot == "robotroller"
     with pytest.raises(InputError, match="with the policy's own robot: omit"):
         grid(tmp_path / "card.json", "--card", "--robot", "robotroller")
     with pytest.raises(InputError, match="robotrolla"):

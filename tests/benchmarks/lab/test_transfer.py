@@ -24,7 +24,7 @@ POLICY = ROOT / "policies" / "ale_pong.safetensors"
 
 @cache
 def played(flags: tuple[str, ...], trained: RunConfig) -> RunConfig:
-    return parse_run(LearnerOptions, "learner", flags, lambda _: trained)[0].config
+    return parse_run(LearnerOptions, "learner", flags, lambda _: trained).config
 
 
 @pytest.mark.parametrize("rung", list(FLAGS))

@@ -36,7 +36,7 @@ def deep() -> Iterator[None]:
 
 def own(arguments: list[str], stored: RunConfig | None = None) -> str:
     """The own settings of a run that is given ``arguments``."""
-    options, _ = parse_run(RunOptions, "program", arguments, lambda _: stored)
+    options = parse_run(RunOptions, "program", arguments, lambda _: stored)
     return options.config.learning.algorithm_settings
 
 
@@ -86,12 +86,12 @@ def test_a_stored_run_stays_as_it_is_when_its_package_declares_more() -> None:
 def test_settings_that_say_nothing_new_are_no_flag_for_all_ranges(given: list[str]) -> None:
     stored = deep_run(FULL)
     arguments = [*given, TEXT, "kappa=2.0 dueling=true"]
-    options, _ = parse_run(RunOptions, "program", arguments, lambda _: stored)
+    options = parse_run(RunOptions, "program", arguments, lambda _: stored)
     assert (options.config.randomise == stored.randomise) == (not given)
 
 
 def test_settings_that_say_more_hide_no_flag_for_all_ranges() -> None:
-    options, _ = parse_run(
+    options = parse_run(
         *(RunOptions, "program", ["--randomise.all", "--learning.algorithm=dqn"]),
         lambda _: deep_run(FULL),
     )

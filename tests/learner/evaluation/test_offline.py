@@ -57,8 +57,8 @@ def write(program: Path, script: str) -> None:
 
 def test_games_and_steps_are_shared_out_beforehand_with_seeds_of_their_own(program: Path) -> None:
     write(program, PLAYS)
-    options = EvaluationOptions(Path("w"), games=7, test_steps=100, processes=3)
-    found = list(play(options, 0.25, CONFIG, ["--sync", "x"], threading.Event()))
+    options = EvaluationOptions(games=7, test_steps=100, processes=3)
+    found = list(play(Path("w"), options, 0.25, CONFIG, ["--sync", "x"], threading.Event()))
     games = {at: [each for each in found if each["process"] == at] for at in range(3)}
     assert [len(each) for each in games.values()] == [3, 2, 2]
     assert [{each["--seed"] for each in own} for own in games.values()] == [
@@ -70,8 +70,8 @@ def test_games_and_steps_are_shared_out_beforehand_with_seeds_of_their_own(progr
 
 def test_no_more_processes_than_games(program: Path) -> None:
     write(program, PLAYS)
-    options = EvaluationOptions(Path("w"), games=2, processes=9)
-    assert len(list(play(options, 0.25, CONFIG, [], threading.Event()))) == 2
+    options = EvaluationOptions(games=2, processes=9)
+    assert len(list(play(Path("w"), options, 0.25, CONFIG, [], threading.Event()))) == 2
 
 
 @pytest.mark.parametrize("starts", [1, 2])
@@ -91,9 +91,9 @@ def test_an_evaluation_leaves_no_process_and_no_pipe(
     monkeypatch.setattr(offline, "Child", start)
     gc.collect()  # what earlier tests left behind would be closed meanwhile
     before = set(os.listdir("/proc/self/fd"))
-    options = EvaluationOptions(Path("w"), games=2, processes=2)
+    options = EvaluationOptions(games=2, processes=2)
     with nullcontext() if starts == 2 else pytest.raises(OSError, match="no memory"):
-        list(play(options, 0.25, CONFIG, [], threading.Event()))
+        list(play(Path("w"), options, 0.25, CONFIG, [], threading.Event()))
     for child in children:
         assert child.returncode is not None
         child._reader.join(PATIENCE)
@@ -104,26 +104,27 @@ def test_a_process_that_fails_is_quoted(program: Path) -> None:
     write(
         program, "import sys; print('error: weights of 4 actions.', file=sys.stderr); sys.exit(5)"
     )
-    options = EvaluationOptions(Path("w"), games=2, processes=2)
+    options = EvaluationOptions(games=2, processes=2)
     with pytest.raises(InputError, match=r"played: weights of 4 actions\.$") as error:
-        list(play(options, 0.25, CONFIG, [], threading.Event()))
+        list(play(Path("w"), options, 0.25, CONFIG, [], threading.Event()))
     assert error.value.exit_code == 5
 
 
 def test_a_process_that_is_killed_is_told(program: Path) -> None:
     write(program, "import os; os.kill(os.getpid(), 9)")
-    options = EvaluationOptions(Path("w"), games=2, processes=2)
+    options = EvaluationOptions(games=2, processes=2)
     with pytest.raises(InputError, match=r"played: signal 9 ended a process\.$") as error:
-        list(play(options, 0.25, CONFIG, [], threading.Event()))
+        list(play(Path("w"), options, 0.25, CONFIG, [], threading.Event()))
     assert error.value.exit_code == FAILED
 
 
 def test_a_process_that_writes_much_to_its_standard_error_plays_on(program: Path) -> None:
     write(program, f"import sys\nsys.stderr.write(200_000 * 'warning\\n'){PLAYS}")
-    options = EvaluationOptions(Path("w"), games=4, processes=2)
+    options = EvaluationOptions(games=4, processes=2)
     found: list[Any] = []
     playing = threading.Thread(
-        target=lambda: found.extend(play(options, 0.25, CONFIG, [], threading.Event())), daemon=True
+        target=lambda: found.extend(play(Path("w"), options, 0.25, CONFIG, [], threading.Event())),
+        daemon=True,
     )
     playing.start()
     playing.join(PATIENCE)
@@ -147,10 +148,12 @@ def test_a_stop_ends_every_process(
     gone = "learner.evaluation.offline.Progress.__exit__"
     monkeypatch.setattr(gone, lambda *_: said.write("the bar has gone\n"))
     file = tmp_path / "results.json"
-    options = EvaluationOptions(program, games=2, processes=2, json=file)
+    options = EvaluationOptions(games=2, processes=2, json=file)
     result: list[Any] = []
     games = threading.Thread(
-        target=lambda: result.append(evaluate(options, CONFIG, None, ClockConfig(), stop, console)),
+        target=lambda: result.append(
+            evaluate(program, options, CONFIG, None, ClockConfig(), stop, console)
+        ),
         daemon=True,
     )
     games.start()
@@ -176,17 +179,19 @@ for game in range(int(told["--games"])):
 """
 
 
-def evaluated(options: EvaluationOptions, config: RunConfig, trained: RunConfig | None) -> Any:
+def evaluated(
+    network: Path, options: EvaluationOptions, config: RunConfig, trained: RunConfig | None
+) -> Any:
     """What an evaluation returns, and what it shows."""
     console = Console(file=io.StringIO(), width=120, record=True)
-    found = evaluate(options, config, trained, ClockConfig(), threading.Event(), console)
+    found = evaluate(network, options, config, trained, ClockConfig(), threading.Event(), console)
     return found, console.export_text()
 
 
 @pytest.mark.parametrize("valid", [49, 50])
 def test_a_score_of_a_robot_that_did_not_see_is_told_as_such(program: Path, valid: int) -> None:
     write(program, f"print({json.dumps(GAME | {'valid': valid})!r}, flush=True)")
-    _, shown = evaluated(EvaluationOptions(program, games=2, processes=2), CONFIG, None)
+    _, shown = evaluated(program, EvaluationOptions(games=2, processes=2), CONFIG, None)
     told = "The screen was found in 98.0 % of the frames only: what was not seen cannot be played."
     assert (told in shown) == (valid < 50)
 
@@ -200,8 +205,8 @@ def test_results_are_printed_and_written(
     monkeypatch.setattr("common.process.progress.PLAIN_SECONDS", 0.0)
     write(program, f"print({json.dumps(GAME)!r}, flush=True)")
     file = tmp_path / f"{'results' * 20}[seed=1].json"
-    options = EvaluationOptions(program, games=2, processes=2, json=file)
-    found, shown = evaluated(options, CONFIG, None)
+    options = EvaluationOptions(games=2, processes=2, json=file)
+    found, shown = evaluated(program, options, CONFIG, None)
     told = json.loads(file.read_text())
     assert told == found
     assert (told["games"], told["scores"], told["seed"], told["flags"]) == (
@@ -227,16 +232,18 @@ def test_on_a_full_disk_the_file_is_named(
 
     write(program, f"print({json.dumps(GAME)!r}, flush=True)")
     monkeypatch.setattr("learner.evaluation.offline.write_json", refuse)
-    options = EvaluationOptions(program, games=1, json=tmp_path / "f.json")
+    options = EvaluationOptions(games=1, json=tmp_path / "f.json")
     with pytest.raises(InputError, match=r"f\.json cannot be written \(No space .*: name another"):
-        evaluated(options, CONFIG, None)
+        evaluated(program, options, CONFIG, None)
 
 
 def test_settings_other_than_the_networks_are_told(program: Path) -> None:
     write(program, TELLS_ITS_CHANCES)
-    options = EvaluationOptions(program, games=2, epsilon=0.05)
+    options = EvaluationOptions(games=2, epsilon=0.05)
     trained = replace(CONFIG, seed=1, play=replace(CONFIG.play, sticky=0.5))
-    found, shown = evaluated(options, replace(trained, game="space_invaders", seed=3), trained)
+    found, shown = evaluated(
+        program, options, replace(trained, game="space_invaders", seed=3), trained
+    )
     assert found["changed"] == ["game pong → space_invaders"]
     assert found["conditions"] == ["play.sticky 0.0 → 0.5"]
     assert (found["epsilon"], found["sticky"], found["mean"]) == (0.05, 0.5, 100.0)
@@ -248,9 +255,9 @@ def test_a_headline_is_three_measures_in_one_table_and_one_file(
 ) -> None:
     write(program, TELLS_ITS_CHANCES)
     file = tmp_path / "headline.json"
-    options = EvaluationOptions(program, headline=True, games=3, processes=2, json=file)
+    options = EvaluationOptions(headline=True, games=3, processes=2, json=file)
     trained = replace(CONFIG, play=replace(CONFIG.play, sticky=0.1))
-    found, shown = evaluated(options, trained, trained)
+    found, shown = evaluated(program, options, trained, trained)
     assert json.loads(file.read_text()) == found
     # 1000 ε + 100 p: what really played is what the row says.
     assert [(row["epsilon"], row["sticky"], row["mean"]) for row in found["rows"]] == [
@@ -272,7 +279,7 @@ def test_a_headline_is_three_measures_in_one_table_and_one_file(
 
 
 def test_a_headline_has_no_sticky_actions_where_no_console_could_repeat_them() -> None:
-    options = EvaluationOptions(Path("p.safetensors"), headline=True)
+    options = EvaluationOptions(headline=True)
     for atari, sticky in ((False, [0.0, 0.0]), (True, [0.0, 0.0, 0.25])):
         with added(ENVIRONMENTS, Environment("lamps", "lamps:make", lambda _: 3, atari=atari)):
             measures = options.measures(replace(CONFIG, env="lamps"), None)
@@ -282,37 +289,11 @@ def test_a_headline_has_no_sticky_actions_where_no_console_could_repeat_them() -
 def test_what_a_headline_would_override_is_refused(program: Path) -> None:
     write(program, TELLS_ITS_CHANCES)
     with pytest.raises(InputError, match="omit --epsilon"):
-        EvaluationOptions(program, headline=True, epsilon=0.001).check()
+        EvaluationOptions(headline=True, epsilon=0.001).check()
     for trained in (CONFIG, None):
         sticky = replace(CONFIG, play=replace(CONFIG.play, sticky=0.1))
         with pytest.raises(InputError, match=r"omit --play\.sticky"):
-            evaluated(EvaluationOptions(program, headline=True), sticky, trained)
-
-
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        ({"headline": True}, r"--headline is for an evaluation \(--evaluate\): name a network"),
-        ({"games": 5}, r"--games is for an evaluation"),
-        ({"processes": 1}, r"--processes is for an evaluation"),
-        ({"games": 30}, r"--games is for an evaluation"),  # as many as without the flag
-        ({"processes": 0}, r"--processes is for an evaluation"),
-        ({"test_steps": 0}, r"--test-steps is for an evaluation"),
-        ({"json": Path("x/y.json")}, r"--json is for an evaluation"),
-        ({"test_steps": 6_000}, r"--test-steps is .*: give --protocol\.test-steps for the tests"),
-        (
-            {"epsilon": 0.001},
-            r"--epsilon is .*: give --exploration\.end or --protocol\.test-epsilon",
-        ),
-    ],
-)
-def test_options_of_an_evaluation_do_nothing_to_a_training_and_are_refused(
-    options: dict[str, Any], words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    with pytest.raises(InputError, match=words):
-        EvaluationOptions(**options).check()
-    assert not list(tmp_path.iterdir())
+            evaluated(program, EvaluationOptions(headline=True), sticky, trained)
 
 
 @pytest.mark.parametrize(
@@ -333,4 +314,4 @@ def test_a_network_of_another_shape_is_refused_before_anything_is_played() -> No
     trained = PRESETS["robot"]
     config = replace(trained, game="breakout")
     with pytest.raises(InputError, match="here it would have 4 actions: give --game pong"):
-        evaluated(EvaluationOptions(Path("p.safetensors")), config, trained)
+        evaluated(Path("p.safetensors"), EvaluationOptions(), config, trained)

@@ -21,13 +21,12 @@ BENCHMARK = (ROOT / "benchmarks" / "results" / "chaos.json").read_text()
 @pytest.mark.parametrize("options", [EvaluationOptions, BenchmarkOptions])
 def test_only_earlier_results_are_replaced(options: type, tmp_path: Path) -> None:
     file = tmp_path / "file"
-    given = {"evaluate": Path("w")} if options is EvaluationOptions else {}
     for content in (to_json(RunConfig()), CARD, SUMMARY, "[1]", "epoch,phase\n", "\x89PNG"):
         file.write_text(content)
         with pytest.raises(InputError, match=r"file exists and holds no earlier results: name an"):
-            options(**given, json=file).check()
+            options(json=file).check()
         assert file.read_text() == content
     for content in (EVALUATION, BENCHMARK, ""):
         file.write_text(content)
-        options(**given, json=file).check()
-    options(**given, json=tmp_path / "new").check()
+        options(json=file).check()
+    options(json=tmp_path / "new").check()
