@@ -122,15 +122,17 @@ Launch a run on Slurm, Kubernetes, Compose or Ray.
     "status": """\
 Show how a run is doing, on this machine or another.
 
-  ale-robot status                                 a run on this machine
+  ale-robot status                                 a run at work on this machine
+  ale-robot status RUN                             how far a run of yours came
   ale-robot status --connect tcp/HOST:7447 --json
 
+  RUN                  run of this machine, by its name or folder
   --connect ADDRESS    address of the run's learner or replay
   --certificates DIR   folder of a learner's certificates, for a tls/ address
   --run NAME           name of the run, if the address serves several
   --json               JSON instead of a table
 
-  exit code: 0 healthy, 1 something is red, 4 nobody answers
+  exit code: 0 healthy, 1 something is red, 4 nobody answers, or it has ended
 """,
     "play": """\
 Play whole games and print their scores.

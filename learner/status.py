@@ -4,11 +4,11 @@ import json
 import sys
 import textwrap
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, fields
-from itertools import pairwise
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
+import tyro
 from rich import box
 from rich.console import Console
 from rich.table import Table
@@ -17,16 +17,18 @@ from common.checked import MAX_COUNT, Patience
 from common.errors import InputError, MessageError, Unreachable
 from common.metrics import METRICS
 from common.process.command_line import parse
-from common.process.exit_codes import DONE, FAILED
+from common.process.exit_codes import DONE, FAILED, UNREACHABLE
 from common.process.program_end import exit_on_input_error
 from common.protocol.run_keys import RunKeys
 from common.protocol.run_status import RunStatus
+from common.run.folder import RunFolder
 from common.run.join import find_run
 from common.strict_json import strict
 from common.transport.chosen import connect
 from common.transport.endpoint import DEFAULT_ENDPOINT
 from common.transport.interface import Transport
 from common.version import VERSION
+from learner.ended_run import EndedRun
 from learner.telemetry.formats import (
     UNKNOWN,
     decimal,
@@ -49,6 +51,9 @@ _LEAST_PATIENCE, _MAX_PATIENCE = 2.0, 3_600.0
 class StatusOptions:
     """Show how a run is doing: its processes, their rates and lag, and what is wrong."""
 
+    local: Annotated[Path | None, tyro.conf.Positional, tyro.conf.arg(metavar="[RUN]")] = None
+    """Run of this machine, by its name or folder. If nobody works at it any more, it is told how
+    far it came."""
     connect: str = DEFAULT_ENDPOINT
     """Address of the run's hub: the learner, or a replay in its own process."""
     certificates: Path | None = None
@@ -214,24 +219,36 @@ def ask(
         ) from None
 
 
+def _show_ended(run: EndedRun, *, as_json: bool) -> int:
+    """Prints what is left of a run; returns the exit code."""
+    if as_json:
+        told = {"run": run.name, "healthy": False, "reasons": [run.reason], "version": VERSION}
+        told |= {"ended": run.ended or None, "summary": run.summary or None}
+        print(json.dumps(strict(told), indent=2, ensure_ascii=False, allow_nan=False))
+    else:
+        for line in [*run.lines(), run.reason]:
+            print(line)
+    return UNREACHABLE
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Prints the status of a run; returns the exit code, which says whether the run is healthy."""
     given = sys.argv[1:] if arguments is None else arguments
-    valued = {f"--{field.name}" for field in fields(StatusOptions) if field.type is not bool}
-    for flag, word in pairwise(["", *given]):
-        # As a run's folder, which does not tell the run's address.
-        if not word.startswith("-") and flag not in valued:
-            raise InputError(
-                f"status asks a running learner, not {word}: give the learner's address with "
-                f"--connect, or nothing if it is {DEFAULT_ENDPOINT}."
-            )
     options = parse(StatusOptions, "learner.status", given)
+    name = options.run
+    if options.local is not None:
+        if (folder := RunFolder.named(options.local)) is None:
+            raise InputError(
+                f"{options.local} is no run of this machine: name one, such as first, or its "
+                "folder; of a run elsewhere, give the learner's address with --connect."
+            )
+        if not folder.is_at_work():
+            return _show_ended(EndedRun.of(folder), as_json=options.json)
+        name = folder.name
     with connect(
         options.connect, options.patience, role="learner", certificates=options.certificates
     ) as transport:
-        keys, _ = find_run(
-            transport, options.run, options.patience, lambda: False, options.certificates
-        )
+        keys, _ = find_run(transport, name, options.patience, lambda: False, options.certificates)
         report = ask(transport, keys, options.connect, options.patience)
     if options.json:
         print(report.as_json())

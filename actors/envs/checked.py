@@ -33,8 +33,8 @@ class CheckedEnv(gymnasium.Wrapper[Any, Any, Any, Any], ShownEnv[Any, Any]):
 
     Raises:
         InputError: its actions are not those of the settings, or its rate is not a positive
-            number. From `reset` and `step`: a state is malformed. From `seen`: it cannot render, or
-            the picture is malformed.
+            number. From `reset` and `step`: it fails, or a state is malformed. From `seen`: it
+            cannot render, or the picture is malformed.
     """
 
     def __init__(self, env: gymnasium.Env[Any, Any], config: RunConfig) -> None:
@@ -91,7 +91,8 @@ class CheckedEnv(gymnasium.Wrapper[Any, Any, Any, Any], ShownEnv[Any, Any]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
-        observation, info = self.env.reset(seed=seed, options=options)
+        with foreign(f"reset() of {self._name}"):
+            observation, info = self.env.reset(seed=seed, options=options)
         frames = self._checked(observation)
         if (frames != frames[-1]).any():
             raise InputError(
@@ -101,7 +102,8 @@ class CheckedEnv(gymnasium.Wrapper[Any, Any, Any, Any], ShownEnv[Any, Any]):
         return observation, info
 
     def step(self, action: Any) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:
-        observation, reward, terminated, truncated, info = self.env.step(action)
+        with foreign(f"step() of {self._name}"):
+            observation, reward, terminated, truncated, info = self.env.step(action)
         before = self._frames
         if (self._checked(observation)[:-1] != before[1:]).any():
             raise InputError(

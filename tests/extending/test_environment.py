@@ -183,6 +183,30 @@ def shown(env: gymnasium.Env[Any, Any], *actions: int) -> CheckedEnv:
     return checked
 
 
+@pytest.mark.parametrize("method", ["reset", "step"])
+def test_an_error_of_its_own_is_told_with_its_place(method: str) -> None:
+    class Failing(Lamps):
+        def fail(self, *_: object, **__: object) -> Any:
+            raise KeyError("bulb")
+
+    env = Failing(CONFIG.play)
+    setattr(env, method, env.fail)
+    told = rf"^{method}\(\) of the environment lamps fails \(KeyError\('bulb'\), .*test_environment"
+    with pytest.raises(InputError, match=told + r"\.py:\d+\): mend its package\."):
+        shown(env, 1)
+
+
+def test_a_robot_that_is_lost_is_no_mistake_of_its_environment() -> None:
+    """Its actor is started again, because the connection may come back."""
+
+    class Lost(Lamps):
+        def step(self, action: Any) -> Any:
+            raise ConnectionResetError
+
+    with pytest.raises(ConnectionResetError):
+        shown(Lost(CONFIG.play), 1)
+
+
 @pytest.mark.parametrize("limit", [GAME_STEPS - 1, GAME_STEPS])
 def test_a_time_limit_that_passes_as_the_game_ends_is_none(limit: int) -> None:
     """The replay refuses a chunk with a step that is both terminated and truncated."""

@@ -3,7 +3,9 @@
 import io
 import json
 import math
+import os
 import re
+import time
 from collections.abc import Iterator
 from contextlib import nullcontext
 from dataclasses import replace
@@ -15,11 +17,14 @@ from rich.console import Console
 
 from common.checked import MAX_COUNT
 from common.errors import InputError, Unreachable
-from common.process.exit_codes import DONE, FAILED
+from common.process.exit_codes import DONE, FAILED, UNREACHABLE
+from common.process.log_lines import kept_log
 from common.protocol.actor_stats import ActorStats
 from common.protocol.run_keys import RunKeys
 from common.protocol.run_status import HealthCheck
+from common.run.folder import RunFolder
 from common.transport.interface import Envelope, Transport
+from learner.ended_run import EndedRun
 from learner.status import Report, ask, main
 from learner.telemetry.health_checks import LONGEST_SILENCE
 from learner.telemetry.sinks.status import StatusSink
@@ -187,15 +192,91 @@ def test_a_run_without_an_actor_is_told_how_to_start_one(client: Transport) -> N
         assert (advice in shown(ask(client, KEYS, "tcp/h:1"))) is told
 
 
-@pytest.mark.parametrize(
-    "arguments", ["runs/r", "--json runs/r", "--connect tcp/h:1 runs/r", "runs/r runs/s --json"]
-)
-def test_what_is_no_flag_is_told_how_a_learner_is_asked(arguments: str) -> None:
-    words = (
-        r"^status asks a running learner, not runs/r: give .* with --connect, or nothing if .*\.$"
-    )
-    with pytest.raises(InputError, match=words):
-        main(arguments.split())
+@pytest.fixture
+def ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> RunFolder:
+    """A run of this machine at which nobody works, in the runs of the working directory."""
+    monkeypatch.chdir(tmp_path)
+    folder = RunFolder(Path("runs"), "first")
+    folder.path.mkdir(parents=True)
+    folder.config_file.write_text("{}")
+    summary = {"env": "robot", "game": "pong", "preset": "robot", "epoch": 3, "agent_steps": 51_000}
+    summary |= {"wall_seconds": 95.0, "train_reward": -20.5, "best_test_reward": "\x1b[2J"}
+    folder.summary.write_text(json.dumps({**summary, "epsilon": [1]}))
+    os.utime(folder.summary, (0, time.mktime((2026, 11, 29, 7, 57, 0, 0, 0, -1))))
+    return folder
+
+
+GO_ON = "nobody works at run first: go on with `ale-robot train --run first --resume`"
+
+
+@pytest.mark.parametrize("named", ["first", "runs/first", "runs/first/"])
+def test_a_run_that_has_ended_tells_how_far_it_came(
+    ended: RunFolder, named: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([named]) == UNREACHABLE
+    assert capsys.readouterr().out.splitlines() == [
+        "run first: pong (robot), preset robot",
+        "ended on 2026-11-29 07:57 in epoch 3, after 51,000 steps in 01:35",
+        "score: training −20.50, test –, best test –, random –",
+        GO_ON,
+    ]
+    assert main([named, "--json"]) == UNREACHABLE
+    told = json.loads(capsys.readouterr().out)
+    assert (told["run"], told["healthy"], told["reasons"]) == ("first", False, [GO_ON])
+    assert (told["ended"], told["summary"]["agent_steps"]) == ("2026-11-29 07:57", 51_000)
+
+
+def test_a_run_that_stopped_itself_tells_why(
+    ended: RunFolder, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log = ended.logs / "learner.jsonl"
+    with kept_log(log, "learner") as keep:
+        keep("stopped: the robot\nis blind", "ERROR")
+    main(["first"])
+    assert capsys.readouterr().out.splitlines()[-2:] == ["stopped: the robot is blind", GO_ON]
+    with kept_log(log, "learner") as keep:
+        keep("actor-1 joined")  # it was resumed, and ended in peace
+    main(["first"])
+    assert "blind" not in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("content", ["", "{", "[1]", '{"epoch": "three", "wall_seconds": true}'])
+def test_what_is_left_of_a_damaged_run_is_told(
+    ended: RunFolder, content: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    ended.summary.write_text(content)
+    ended.logs.mkdir()
+    (ended.logs / "learner.jsonl").write_text('{"level": "error"}\n')
+    assert main(["first"]) == UNREACHABLE
+    assert capsys.readouterr().out.splitlines()[-1] == GO_ON
+
+
+def test_a_run_in_another_folder_goes_on_from_there(ended: RunFolder, tmp_path: Path) -> None:
+    there = EndedRun.of(RunFolder(tmp_path / "elsewhere", "first"))
+    assert there.go_on == f"ale-robot train --runs {tmp_path}/elsewhere --run first --resume"
+
+
+def test_a_run_of_this_machine_is_asked_while_somebody_works_at_it(
+    ended: RunFolder, client: Transport, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = []
+
+    def find_run(_: Transport, name: str, *__: object) -> tuple[RunKeys, None]:
+        asked.append(name)
+        return KEYS, None
+
+    monkeypatch.setattr("learner.status.connect", lambda *_, **__: nullcontext(client))
+    monkeypatch.setattr("learner.status.find_run", find_run)
+    ended.config_file.unlink()
+    ended.claim("replay", make_config(), resume=False)
+    StatusSink(client, KEYS).write(snapshot({}))
+    assert main(["first"]) == DONE
+    assert asked == ["first"]
+
+
+def test_what_is_no_run_of_this_machine_is_told_how_others_are_asked() -> None:
+    with pytest.raises(InputError, match=r"^r is no run of this machine: .* with --connect\.$"):
+        main(["r", "--json"])
 
 
 def test_what_liars_count_hides_nothing(client: Transport) -> None:

@@ -1,0 +1,86 @@
+"""What the folder of a run tells after its processes have ended."""
+
+import json
+import shlex
+from contextlib import suppress
+from dataclasses import dataclass, field
+from datetime import datetime
+from typing import Any, Self
+
+from common.metrics import METRICS, Metric, Value
+from common.regular_file import read_file
+from common.run.folder import RUNS, RunFolder
+from learner.telemetry.formats import fill, game_of, one_line
+
+
+@dataclass(frozen=True)
+class EndedRun:
+    """A run of this machine at which nobody works."""
+
+    name: str
+    go_on: str
+    """Command that continues it."""
+    summary: dict[str, Any] = field(default_factory=dict)
+    """Its ``summary.json``; empty if there is none."""
+    ended: str = ""
+    """When that was written, local time; empty if it was not."""
+    last_words: str = ""
+    """Error with which it ended; empty if it was stopped, has all its steps, or was killed."""
+
+    @classmethod
+    def of(cls, folder: RunFolder) -> Self:
+        """Reads the files of a run. What is missing or damaged counts as empty."""
+        place = [] if folder.path.parent == RUNS else ["--runs", str(folder.path.parent)]
+        go_on = shlex.join(["ale-robot", "train", *place, "--run", folder.name, "--resume"])
+        summary, ended, last_words = {}, "", ""
+        with suppress(OSError, ValueError, RecursionError):
+            told = json.loads(read_file(folder.summary))
+            summary = told if isinstance(told, dict) else {}
+            written = datetime.fromtimestamp(folder.summary.stat().st_mtime)
+            ended = f"{written:%Y-%m-%d %H:%M}"
+        with suppress(OSError, ValueError, RecursionError, LookupError, TypeError):
+            last = json.loads(read_file(folder.logs / "learner.jsonl").splitlines()[-1])
+            last_words = str(last["message"]) if last["level"] == "error" else ""
+        return cls(folder.name, go_on, summary, ended, last_words)
+
+    @property
+    def reason(self) -> str:
+        """Says that nobody works at the run, and how to go on."""
+        return f"nobody works at run {self.name}: go on with `{self.go_on}`"
+
+    def lines(self) -> list[str]:
+        """Returns the report for a person, without control characters of the files."""
+        values = {
+            metric.key: _found(self.summary, metric)
+            for metric in METRICS.values()
+            if metric.summary
+        }
+        when = f" on {self.ended}" if self.ended else ""
+        if not self.summary:
+            told = [f"run {self.name} ended before it had any figures"]
+        else:
+            played = "{run/game} ({run/env})" if game_of(values) else "{run/env}"
+            told = [
+                fill(f"run {self.name}: {played}, preset {{run/preset}}", values),
+                fill(
+                    f"ended{when} in epoch {{run/epoch}}, after {{run/agent_steps}} steps in "
+                    "{run/seconds}",
+                    values,
+                ),
+                fill(
+                    "score: training {play/train_reward}, test {play/test_reward}, best test "
+                    "{play/best_test_reward}, random {play/random_reward}",
+                    values,
+                ),
+            ]
+        told += [self.last_words] if self.last_words else []
+        return [one_line(line) for line in told]
+
+
+def _found(summary: dict[str, Any], metric: Metric) -> Value:
+    """Returns the figure in ``summary``; None if there is none of its kind."""
+    found: Any = summary
+    for name in metric.summary.split("."):
+        found = found.get(name) if isinstance(found, dict) else None
+    kind = str if metric.form == "text" else int | float
+    return found if isinstance(found, kind) and not isinstance(found, bool) else None
