@@ -15,6 +15,7 @@ from actors.envs.game_env import GameEnv
 from actors.envs.observation import NO_VECTOR, Observation
 from actors.policy import Policy
 from common.errors import InputError
+from common.process.command_line import check_bounds
 from common.process.played import settings_of
 from common.protocol.step_fields import FRAME_SHAPE
 from common.run.clock import ClockConfig
@@ -42,8 +43,7 @@ class TrainedPolicy:
     def __init__(self, weights: str | Path, *, epsilon: float = 0.0, seed: int = 1) -> None:
         if not 0 <= epsilon <= 1:
             raise InputError(f"epsilon is {epsilon}: choose from 0 to 1.")
-        if not 0 <= seed < MAX_SEED:
-            raise InputError(f"seed is {seed}: choose from 0 to {MAX_SEED - 1}.")
+        _check_seed(seed)
         self.weights = find_weights(weights)
         self.config = settings_of(self.weights)
         self._policy = Policy.of_file(self.config, self.weights, epsilon, seed)
@@ -52,23 +52,30 @@ class TrainedPolicy:
         return f"TrainedPolicy({name_of(self.weights)!r}), trained to play {self.config.played}"
 
     def make_env(
-        self, *, play: PlayConfig | None = None, camera: CameraConfig | None = None
+        self,
+        *,
+        env: str | None = None,
+        game: str | None = None,
+        play: PlayConfig | None = None,
+        camera: CameraConfig | None = None,
     ) -> gymnasium.Env[Any, Any]:
         """Returns an environment whose episodes are whole games, and whose ``render`` returns the
         room from outside, or the emulator's screen.
 
         Args:
+            env: environment instead of that of its training, such as "robot" or "ale".
+            game: game instead of that of its training.
             play: settings instead of those of its training, ``config.play``.
             camera: settings instead of those of its training, ``config.camera``.
 
         Raises:
             InputError: the settings cannot work, or the network does not fit them.
         """
-        config = _changed(self.weights, self.config, play, camera)
-        env = make_env(config, training=False)
-        if isinstance(env, GameEnv):
-            env.render_mode = "rgb_array"
-        return env
+        config = _changed(self.weights, self.config, env, game, play, camera)
+        made = make_env(config, training=False)
+        if isinstance(made, GameEnv):
+            made.render_mode = "rgb_array"
+        return made
 
     def act(self, observation: Observation) -> int:
         """Returns the index of an action, for an observation of `make_env`. Raises InputError if it
@@ -111,6 +118,8 @@ def evaluate(
     epsilon: float = EPSILON,
     seed: int = 1,
     processes: int = 0,
+    env: str | None = None,
+    game: str | None = None,
     play: PlayConfig | None = None,
     camera: CameraConfig | None = None,
 ) -> dict[str, Any]:
@@ -118,6 +127,8 @@ def evaluate(
 
     Args:
         processes: number of games played at the same time; 0 for as many as there are cores.
+        env: environment instead of that of its training, such as "robot" or "ale".
+        game: game instead of that of its training.
         play: settings instead of those of its training, ``load_policy(weights).config.play``.
         camera: settings instead of those of its training.
 
@@ -125,18 +136,20 @@ def evaluate(
         What ``ale-robot evaluate --json`` writes: "mean", "deviation", "iqm", "scores", …
 
     Raises:
-        InputError: there is no such network, or the settings of its training are unknown; the
-            given settings cannot work, or the network does not fit them.
+        InputError: there is no such network, or the settings of its training are unknown; an
+            argument is out of bounds, the given settings cannot work, or the network does not fit
+            them.
     """
     file = find_weights(weights)
     if (trained := origin_of(file)) is None:
         raise InputError(f"{file} has neither a card nor a run: keep it in its run's folder.")
     options = EvaluationOptions(games=games, epsilon=epsilon, processes=processes)
-    options.check()
+    check_bounds(options, named=str)
+    _check_seed(seed)
     found = offline.evaluate(
         file,
         options,
-        replace(_changed(file, trained.for_play, play, camera), seed=seed),
+        replace(_changed(file, trained.for_play, env, game, play, camera), seed=seed),
         trained,
         ClockConfig(),
         threading.Event(),
@@ -147,12 +160,23 @@ def evaluate(
 
 
 def _changed(
-    weights: Path, config: RunConfig, play: PlayConfig | None, camera: CameraConfig | None
+    weights: Path,
+    config: RunConfig,
+    env: str | None,
+    game: str | None,
+    play: PlayConfig | None,
+    camera: CameraConfig | None,
 ) -> RunConfig:
     """Returns ``config`` with those settings that are given."""
-    changed = replace(config, play=play or config.play, camera=camera or config.camera)
+    given: dict[str, Any] = {"env": env, "game": game, "play": play, "camera": camera}
+    changed = replace(config, **{name: each for name, each in given.items() if each is not None})
     if changed != config:
         check_play(changed)
         check_robot(config, changed)
         check_fit(weights, config, changed)
     return changed.pinned()
+
+
+def _check_seed(seed: int) -> None:
+    if not 0 <= seed < MAX_SEED:
+        raise InputError(f"seed is {seed}: choose from 0 to {MAX_SEED - 1}.")

@@ -103,6 +103,16 @@ class Phases:
         return min(left, max(self._steps_goal - self.agent_steps, 0))
 
     @property
+    def random_reward(self) -> float | None:
+        """Mean score of the warm-up's games so far, if they are random; None after the warm-up."""
+        return float(np.mean(self._scores)) if self._is_random and self._scores else None
+
+    @property
+    def _is_random(self) -> bool:
+        """Whether the present phase plays at random."""
+        return not self.epoch and self._config.exploration.start == 1
+
+    @property
     def train_steps(self) -> int:
         """Agent steps without the warm-up."""
         return max(self.agent_steps - self._config.replay.learning_starts, 0)
@@ -133,7 +143,7 @@ class Phases:
             self._scores,
             self._began,
             self._clock.seconds(),
-            phase="train" if self.epoch or config.exploration.start < 1 else "random",
+            phase="random" if self._is_random else "train",
             steps=self.phase_steps,
             last_exploration_rate=config.epsilon_at(self.agent_steps),
             meancost=float(self._loss) / max(self._phase_updates, 1),

@@ -276,7 +276,7 @@ class Telemetry(AbstractContextManager["Telemetry"]):
             "play/test_reward": tests[-1].average_reward if tests else None,
             "play/best_test_reward": max(self.rewards("test"), default=None),
             "play/test_epoch": tests[-1].epoch if tests else None,
-            "play/random_reward": next(iter(self.rewards("random")), None),
+            "play/random_reward": next(iter(self.rewards("random")), self.phases.random_reward),
         }
 
 

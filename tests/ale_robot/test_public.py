@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import ale_robot
+from actors.envs.robot import RobotEnv
 from common.errors import InputError
 from common.games import GAMES
 from common.run.clock import ClockConfig
@@ -114,6 +115,39 @@ def test_a_policy_plays_and_is_evaluated_under_other_conditions() -> None:
         policy.make_env(camera=CameraConfig(noise=-1))
     with pytest.raises(InputError, match="trained with 6 actions"):
         ale_robot.evaluate("ale_pong", play=PlayConfig())
+
+
+def test_a_policy_plays_in_another_environment() -> None:
+    """`ale_pong` knows the game only from the emulator's own picture."""
+    policy = ale_robot.load_policy("ale_pong")
+    env = policy.make_env(env="robot")
+    assert isinstance(env, RobotEnv)
+    frames: Any = env.reset(seed=1)[0]
+    assert frames.shape == (4, 84, 84)
+    env.close()
+    short = replace(policy.config.play, max_game_frames=80)
+    found = ale_robot.evaluate("ale_pong", games=1, env="robot", play=short)
+    assert found["changed"][0] == "env ale → robot"
+    with pytest.raises(InputError, match="here it would have 4 actions: give --game pong"):
+        policy.make_env(game="breakout")
+    with pytest.raises(InputError, match="no environment 'emulator'"):
+        ale_robot.evaluate("ale_pong", env="emulator")
+
+
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        ({"games": 0}, r"^games is 0: choose 1 or more\."),
+        ({"epsilon": 1.5}, r"^epsilon is 1\.5: choose at most 1\."),
+        ({"processes": -1}, r"^processes is -1: choose 0 or more\."),
+        ({"seed": -1}, r"^seed is -1: choose from 0 to "),
+    ],
+)
+def test_arguments_of_an_evaluation_out_of_bounds_are_told(
+    given: dict[str, Any], told: str
+) -> None:
+    with pytest.raises(InputError, match=told):
+        ale_robot.evaluate("ale_pong", **given)
 
 
 @pytest.mark.parametrize(

@@ -198,7 +198,13 @@ def test_a_warm_up_is_random_if_nothing_else_plays(epsilon: float, phase: str) -
     """A run may begin with a network that plays."""
     exploration = replace(CONFIG.exploration, start=epsilon)
     counted = Phases(replace(CONFIG, exploration=exploration), RunClock(lambda: 0.0))
-    assert [row.phase for row in count(counted, _chunks(2))] == [phase]
+    assert counted.random_reward is None  # no game is over
+    counted.count(_chunks(1, first=7)[0])
+    assert counted.random_reward == (7.0 if phase == "random" else None)
+    assert [row.phase for row in count(counted, _chunks(1, first=8))] == [phase]
+    assert counted.random_reward is None  # the warm-up is over
+    counted.count(_chunks(1)[0])
+    assert counted.random_reward is None
 
 
 def test_a_phases_loss_is_the_mean_over_its_updates() -> None:

@@ -16,6 +16,7 @@ from common.metrics import METRICS, Metric, Value, declare
 from common.press_latency import COUNTS, place_of
 from common.process.footprint import footprint
 from common.protocol.actor_stats import ActorStats
+from common.protocol.chunk import Game
 from common.run.epochs import EpochTable
 from common.run.presets import PRESETS
 from common.transport.interface import Envelope, Transport
@@ -328,6 +329,15 @@ def test_rewards_are_those_of_the_rows(tmp_path: Path) -> None:
     assert [values[f"play/{name}"] for name in names] == [-21.0, 3.0, 5.0, 2]
     assert run.last.told[-1].rewards["test"] == (5.0, 3.0)
     assert ("test", 100) in run.last.told  # its weights have no training steps
+
+
+def test_the_score_of_random_play_is_told_while_it_is_played(tmp_path: Path) -> None:
+    run = Run(tmp_path)
+    assert run.values()["play/random_reward"] is None
+    run.phases.count(chunk(0)._replace(games=(Game(-19.0, 10), Game(-20.0, 10))))
+    assert run.values()["play/random_reward"] == -19.5
+    run.telemetry.add(epoch_row((-21.0,), phase="random"))
+    assert run.values()["play/random_reward"] == -21.0
 
 
 def test_a_resumed_run_keeps_the_rows_of_its_checkpoint(tmp_path: Path) -> None:
