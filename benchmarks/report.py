@@ -131,7 +131,8 @@ def resumed(file: Path | None, about: Row, what: str) -> dict[str, Any]:
     """Returns what an interrupted experiment left in ``file``; ``about`` if there is no file yet.
 
     Args:
-        about: description of the experiment, in JSON's types; it is part of the results.
+        about: description of the experiment, in JSON's types; it is part of the results. An empty
+            text in it may be missing in a file, which may be older than that part.
         what: name of the experiment for people.
 
     Raises:
@@ -141,8 +142,8 @@ def resumed(file: Path | None, about: Row, what: str) -> dict[str, Any]:
         return dict(about)
     try:
         found: dict[str, Any] = json.loads(file.read_bytes())
-        same = all(found[name] == value for name, value in about.items())
-    except (ValueError, TypeError, KeyError):
+        same = all(found.get(name, "") == value for name, value in about.items())
+    except (ValueError, AttributeError):
         same = False
     if not same:
         raise InputError(f"{file} holds no {what}: name another file.")

@@ -10,6 +10,7 @@ robustness FILE` draws it as a heat map, or as a curve if there is only one opti
 
 import hashlib
 import json
+import shlex
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -67,6 +68,9 @@ class Options(PlayingOptions):
     """Robot that plays, instead of the policy's own."""
     seed: FromOne = 1
     """Seed of the games."""
+    flags: str = ""
+    """More flags of each evaluation, as in --flags="--play.equal-latency 17"; a cell's own go
+    before them."""
     card: bool = False
     """Also write mean and worst of the grid into the network's card, for `ale-robot policies`."""
 
@@ -74,11 +78,11 @@ class Options(PlayingOptions):
         super().check()
         if self.robot is not None:
             ROBOTS.find(self.robot)
-        grid = self.latencies, self.optics, self.sticky, self.robot
-        if self.card and grid != (_LATENCIES, tuple(OPTICS), 0.0, None):
+        grid = self.latencies, self.optics, self.sticky, self.robot, self.flags
+        if self.card and grid != (_LATENCIES, tuple(OPTICS), 0.0, None, ""):
             raise InputError(
                 "--card needs the whole grid with the policy's own robot: omit --latencies, "
-                "--optics, --sticky, --robot."
+                "--optics, --sticky, --robot, --flags."
             )
         if self.card and not self.network.with_suffix(".json").is_file():
             raise InputError(
@@ -112,8 +116,11 @@ def measure(options: Options) -> Report:
         "sticky": options.sticky,
         "games": options.games,
         "seed": options.seed,
+        "flags": options.flags,
     }
-    found = resumed(options.json, about, "grid of this network, robot, games, ε, sticky and seed")
+    found = resumed(
+        options.json, about, "grid of this network, robot, games, ε, sticky, seed and flags"
+    )
     found.pop("rows", None)  # the old rows have fewer cells
     asked = [(optics, late) for optics in options.optics for late in options.latencies]
     places = [{"optics": optics, "latency": late} for optics, late in asked]
@@ -150,7 +157,7 @@ def measure(options: Options) -> Report:
 
 def _play(options: Options, optics: Optics, latency: int) -> dict[str, Any]:
     cell = cell_flags(latency, optics, options.sticky, options.robot)
-    flags = [*cell, "--seed", f"{options.seed}"]
+    flags = [*shlex.split(options.flags), *cell, "--seed", f"{options.seed}"]
     told = evaluate(options.network, options.games, options.epsilon, flags)
     return {"added_ms": ms_of(latency)} | {name: told[name] for name in _KEPT}
 

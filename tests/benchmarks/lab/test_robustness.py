@@ -98,6 +98,15 @@ def test_table_and_json(games: Games, capsys: pytest.CaptureFixture[str], tmp_pa
     assert "mean of all cells 14.40, worst 6.00" in said  # 20 − 26 / 5 − 2 / 5
 
 
+def test_a_file_from_before_there_were_flags_goes_on(games: Games, tmp_path: Path) -> None:
+    file = tmp_path / "grid.json"
+    content = grid(file, "--optics", "nominal")
+    assert content.pop("flags") == ""
+    file.write_text(json.dumps(content))
+    games.left = 0
+    assert grid(file, "--optics", "nominal")["cells"] == content["cells"]
+
+
 def test_an_interrupted_grid_goes_on(games: Games, tmp_path: Path) -> None:
     file = tmp_path / "grid.json"
     games.left = 7
@@ -155,11 +164,27 @@ def test_another_robot_may_play(games: Games, tmp_path: Path) -> None:
         grid(tmp_path / "none.json", "--robot", "robotrolla")
 
 
+def test_other_settings_may_be_given_for_all_cells(games: Games, tmp_path: Path) -> None:
+    given = ("--flags=--play.equal-latency 17 --camera.noise 3", "--optics", "nominal")
+    content = grid(tmp_path / "grid.json", *given)
+    assert content["flags"] == "--play.equal-latency 17 --camera.noise 3"
+    assert {each["--play.equal-latency"] for each in games.flags} == {"17"}
+    assert {each["--camera.noise"] for each in games.flags} == {"0.0"}  # the cell's own
+    with pytest.raises(InputError, match=r"whole grid .*--robot, --flags\.$"):
+        grid(tmp_path / "card.json", "--card", "--flags=--play.equal-latency 17")
+
+
 @pytest.mark.parametrize(
-    "other", [("--sticky", "0.5"), ("--seed", "2"), ("--robot", "robotroller")]
+    "other",
+    [
+        ("--sticky", "0.5"),
+        ("--seed", "2"),
+        ("--robot", "robotroller"),
+        ("--flags=--play.equal-latency 17",),
+    ],
 )
 def test_a_file_of_another_grid_is_refused(
-    games: Games, tmp_path: Path, other: tuple[str, str]
+    games: Games, tmp_path: Path, other: tuple[str, ...]
 ) -> None:
     file = tmp_path / "grid.json"
     one = ("--latencies", "0", "--optics", "nominal")
@@ -168,6 +193,9 @@ def test_a_file_of_another_grid_is_refused(
     with pytest.raises(InputError, match="holds no grid of this network"):
         grid(file, *one, *other)
     assert file.read_bytes() == before
+    grid(tmp_path / "other.json", *one, *other)
+    with pytest.raises(InputError, match="holds no grid of this network"):
+        grid(tmp_path / "other.json", *one)
     for junk in (b"[]", b"{}", b"no JSON"):  # of no benchmark at all
         file.write_bytes(junk)
         with pytest.raises(InputError, match="holds no earlier results"):
