@@ -5,14 +5,14 @@ from pathlib import Path
 from typing import Annotated
 
 import tyro
-from annotated_types import Ge, Le, Lt
+from annotated_types import Ge, Le
 
 from common.checked import Patience
 from common.errors import InputError
 from common.native.kernel import KernelChoice, PrecisionChoice
 from common.pinned_file import path_of
 from common.run.clock import ClockConfig
-from common.run.config import MAX_ENVS, MAX_SEED, RunConfig
+from common.run.config import MAX_ENVS, RunConfig, Seed
 from common.transport.endpoint import DEFAULT_ENDPOINT
 
 
@@ -51,7 +51,7 @@ class ActorOptions:
     name: str | None = None
     """Name of this actor in displays and statistics; by default the name in its certificate, or one
     made from the host's name."""
-    seed: Annotated[int, Ge(0), Lt(MAX_SEED)] | None = None
+    seed: Seed | None = None
     """Seed of this actor's games; by default a new one at every start, so that a restarted actor
     does not repeat its games."""
     patience: Patience = 300.0

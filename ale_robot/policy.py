@@ -14,13 +14,14 @@ from actors.envs import make_env
 from actors.envs.game_env import GameEnv
 from actors.envs.observation import NO_VECTOR, Observation
 from actors.policy import Policy
+from common.checked import Fraction, Invalid, build
 from common.errors import InputError
 from common.process.command_line import check_bounds
 from common.process.played import settings_of
 from common.protocol.step_fields import FRAME_SHAPE
 from common.run.clock import ClockConfig
 from common.run.conditions import CameraConfig, PlayConfig
-from common.run.config import MAX_SEED, RunConfig
+from common.run.config import RunConfig, Seed
 from common.run.fit import check_fit
 from common.run.origin import find_weights, name_of, origin_of
 from common.run.rules import check_play, check_robot
@@ -41,9 +42,8 @@ class TrainedPolicy:
     """
 
     def __init__(self, weights: str | Path, *, epsilon: float = 0.0, seed: int = 1) -> None:
-        if not 0 <= epsilon <= 1:
-            raise InputError(f"epsilon is {epsilon}: choose from 0 to 1.")
-        _check_seed(seed)
+        _check(Fraction, epsilon, "epsilon")
+        _check(Seed, seed, "seed")
         self.weights = find_weights(weights)
         self.config = settings_of(self.weights)
         self._policy = Policy.of_file(self.config, self.weights, epsilon, seed)
@@ -71,7 +71,7 @@ class TrainedPolicy:
         Raises:
             InputError: the settings cannot work, or the network does not fit them.
         """
-        config = _changed(self.weights, self.config, env, game, play, camera)
+        config = _changed(self.weights, self.config, env=env, game=game, play=play, camera=camera)
         made = make_env(config, training=False)
         if isinstance(made, GameEnv):
             made.render_mode = "rgb_array"
@@ -145,12 +145,14 @@ def evaluate(
         raise InputError(f"{file} has neither a card nor a run: keep it in its run's folder.")
     options = EvaluationOptions(games=games, epsilon=epsilon, processes=processes)
     check_bounds(options, named=str)
-    _check_seed(seed)
+    _check(Seed, seed, "seed")
     found = offline.evaluate(
         file,
         options,
-        replace(_changed(file, trained.for_play, env, game, play, camera), seed=seed),
-        trained,
+        replace(
+            _changed(file, trained.for_play, env=env, game=game, play=play, camera=camera),
+            seed=seed,
+        ),
         ClockConfig(),
         threading.Event(),
         Console(quiet=True),
@@ -159,16 +161,8 @@ def evaluate(
     return found
 
 
-def _changed(
-    weights: Path,
-    config: RunConfig,
-    env: str | None,
-    game: str | None,
-    play: PlayConfig | None,
-    camera: CameraConfig | None,
-) -> RunConfig:
-    """Returns ``config`` with those settings that are given."""
-    given: dict[str, Any] = {"env": env, "game": game, "play": play, "camera": camera}
+def _changed(weights: Path, config: RunConfig, **given: Any) -> RunConfig:
+    """Returns ``config`` with those settings that are given, not None."""
     changed = replace(config, **{name: each for name, each in given.items() if each is not None})
     if changed != config:
         check_play(changed)
@@ -177,6 +171,9 @@ def _changed(
     return changed.pinned()
 
 
-def _check_seed(seed: int) -> None:
-    if not 0 <= seed < MAX_SEED:
-        raise InputError(f"seed is {seed}: choose from 0 to {MAX_SEED - 1}.")
+def _check(kind: Any, value: object, name: str) -> None:
+    """Raises InputError for an argument that is not of its ``kind``."""
+    try:
+        build(kind, value, name)
+    except Invalid as error:
+        raise InputError(f"{error}.") from None

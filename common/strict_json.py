@@ -1,5 +1,6 @@
-"""`strict`: makes values fit for JSON, which has neither infinity nor NaN."""
+"""JSON for programs that read strictly: without infinity and NaN, which JSON does not have."""
 
+import json
 import math
 from typing import Any
 
@@ -13,3 +14,8 @@ def strict(value: Any) -> Any:
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     return value
+
+
+def dumps(value: Any) -> str:
+    """Returns `strict` ``value`` as JSON for people and programs, of several lines."""
+    return json.dumps(strict(value), indent=2, ensure_ascii=False, allow_nan=False)

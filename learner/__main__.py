@@ -30,8 +30,8 @@ from learner.options import LearnerOptions, opening, stored_config
 
 
 def main() -> int | None:
-    if "--status" in sys.argv[1:]:
-        return status.main([each for each in sys.argv[1:] if each != "--status"])
+    if "--status" in sys.argv[1:]:  # `ale-robot train` adds --local
+        return status.main([each for each in sys.argv[1:] if each not in ("--status", "--local")])
     if (asked := _evaluation(sys.argv[1:])) is not None:
         return evaluation.main(asked)
     options = parse_run(LearnerOptions, "learner", sys.argv[1:], stored_config)
@@ -48,10 +48,11 @@ def main() -> int | None:
 def _evaluation(arguments: Sequence[str]) -> list[str] | None:
     """Returns the arguments of the evaluation that --evaluate asks for; None without that flag."""
     known, rest = read_first(arguments, {"network": ["--evaluate"]})
-    if known:
-        return [known["network"], *rest]
-    without = [argument for argument in rest if argument != "--evaluate"]
-    return without if without != rest else None  # its network is missing
+    if not known and "--evaluate" not in rest:
+        return None
+    # `ale-robot train` adds --local. Without its network the flag itself is left.
+    flags = [argument for argument in rest if argument not in ("--local", "--evaluate")]
+    return [*known.values(), *flags]
 
 
 if __name__ == "__main__":

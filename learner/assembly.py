@@ -14,7 +14,7 @@ from common.transport.signature import Sign
 from learner.algorithm.interface import Algorithm
 from learner.broadcast import Broadcast
 from learner.checkpoint import Checkpoint
-from learner.demonstrations import Begun
+from learner.demonstrations import DemonstrationsRecord
 from learner.device import Device
 from learner.evaluation.coordinator import EvaluationCoordinator
 from learner.evaluation.service import serve_evaluators
@@ -142,7 +142,7 @@ def _constants(
     options: LearnerOptions, folder: RunFolder, device: Device, page: str | None
 ) -> Values:
     """Returns the figures that stay the same as long as this process works."""
-    begun = Begun.of(folder)
+    begun = DemonstrationsRecord.of(folder)
     return {
         **clock_figures(options),
         "run/run": folder.name,

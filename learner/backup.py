@@ -42,24 +42,16 @@ class BackupOptions:
     """Folder of the copy, which must not exist yet; its name becomes the copy's run name."""
 
 
-def _run(options: BackupOptions) -> RunFolder:
-    """Returns the run to copy, by the path that no link leads to."""
-    run = RunFolder.named(options.run)
-    found = None if run is None else RunFolder.at(run.path.resolve())
-    if found is None:
-        raise InputError(f"{options.run} is not a run: name one, such as first, or its folder.")
-    return found
-
-
-def back_up(options: BackupOptions, stop: threading.Event) -> Path:
-    """Copies the run; returns the folder of the copy, which is complete and on the disk.
+def back_up(options: BackupOptions, stop: threading.Event) -> tuple[RunFolder, RunFolder]:
+    """Copies the run; returns the run, and the copy, which is complete and on the disk.
 
     Raises:
         InputError: there is no run, the copy's folder exists already or is inside of the run, or
             ``stop`` was set; there is no copy then.
         OSError: a file cannot be read or written, as on a full disk; there is no copy then.
     """
-    source = _run(options)
+    # By the path that no link leads to.
+    source = RunFolder.existing(RunFolder.existing(options.run).path.resolve())
     target = RunFolder(options.output.resolve().parent, options.output.resolve().name)
     if target.path.exists():
         raise InputError(f"{options.output} already exists: name a new folder.")
@@ -77,7 +69,7 @@ def back_up(options: BackupOptions, stop: threading.Event) -> Path:
     except BaseException:
         shutil.rmtree(unfinished, ignore_errors=True)
         raise
-    return target.path
+    return source, target
 
 
 def _files(source: RunFolder) -> Iterator[Path]:
@@ -114,20 +106,19 @@ def main() -> None:
     options = parse(BackupOptions, "learner.backup", sys.argv[1:])
     stop = threading.Event()
     on_signals(stop)
-    copy = back_up(options, stop)
-    where = shlex.join(["--runs", str(copy.parent), "--run", copy.name])
+    run, copy = back_up(options, stop)
+    where = shlex.join(["--runs", str(copy.path.parent), "--run", copy.name])
     # A replay in a process of its own may have its own folder, without a checkpoint.
-    folder = RunFolder(copy.parent, copy.name)
-    replay_alone = folder.replay.exists() and not folder.checkpoint.exists()
+    replay_alone = copy.replay.exists() and not copy.checkpoint.exists()
     print(
-        f"{options.run} is copied to {copy}. To continue the copy, with the run's other flags:\n"
+        f"{options.run} is copied to {copy.path}. "
+        "To continue the copy, with the run's other flags:\n"
         f"  ale-robot {'replay' if replay_alone else 'train'} --resume {where}"
     )
-    name = _run(options).name
-    if copy.name != name:
+    if copy.name != run.name:
         print(
-            f"The copy is called {copy.name}: to let the actors of {name} join it, rename its "
-            f"folder to {name}."
+            f"The copy is called {copy.name}: to let the actors of {run.name} join it, rename its "
+            f"folder to {run.name}."
         )
 
 

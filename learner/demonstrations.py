@@ -59,7 +59,7 @@ _PATIENCE = 50
 
 
 @dataclass(frozen=True)
-class Begun:
+class DemonstrationsRecord:
     """The record of a run's demonstrations that is kept in its folder."""
 
     path: Annotated[str, StringConstraints(max_length=4_096)]  # as on Linux
@@ -70,7 +70,7 @@ class Begun:
     """Whether the replay has all of them."""
 
     @classmethod
-    def of(cls, folder: RunFolder) -> "Begun | None":
+    def of(cls, folder: RunFolder) -> "DemonstrationsRecord | None":
         """Returns the record in ``folder``; None for a run without demonstrations.
 
         Raises:
@@ -119,7 +119,9 @@ class Demonstrations:
                 f"{path} has {stats.steps:,} steps, too many for the replay: raise "
                 "--replay.capacity, or record fewer."
             )
-        self.begun = Begun(str(path.resolve()), self._dataset.fingerprint, stats.steps)
+        self.begun = DemonstrationsRecord(
+            str(path.resolve()), self._dataset.fingerprint, stats.steps
+        )
         stats.incarnation = int(self.begun.fingerprint[:15], 16)
 
     def _refuse_others(self, path: Path) -> None:
@@ -206,7 +208,7 @@ class Demonstrations:
         keys: RunKeys,
         stop: threading.Event,
         tell: Callable[[str], None],
-    ) -> Begun | None:
+    ) -> DemonstrationsRecord | None:
         """Sends all chunks to the run's replay; returns the complete record, None if ``stop`` was
         set.
 
@@ -269,7 +271,7 @@ def begin_with(
     Raises:
         InputError: the recording cannot be used, or the run did not begin with it.
     """
-    begun = Begun.of(folder) if resume else None
+    begun = DemonstrationsRecord.of(folder) if resume else None
     path = given
     if begun is not None:
         path = (given or Path(begun.path)).resolve()

@@ -10,7 +10,7 @@ from typing import Any, Self
 from common.metrics import METRICS, Metric, Value
 from common.regular_file import read_file
 from common.run.folder import RUNS, RunFolder
-from learner.telemetry.formats import fill, game_of, one_line
+from learner.telemetry.formats import SCORES, fill, one_line, played
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,8 @@ class EndedRun:
     @property
     def reason(self) -> str:
         """Says that nobody works at the run, and how to go on."""
-        return f"nobody works at run {self.name}: go on with `{self.go_on}`"
+        mended = "once that is mended, " if self.last_words else ""
+        return f"nobody works at run {self.name}: {mended}go on with `{self.go_on}`"
 
     def lines(self) -> list[str]:
         """Returns the report for a person, without control characters of the files."""
@@ -55,23 +56,17 @@ class EndedRun:
             for metric in METRICS.values()
             if metric.summary
         }
-        when = f" on {self.ended}" if self.ended else ""
         if not self.summary:
             told = [f"run {self.name} ended before it had any figures"]
         else:
-            played = "{run/game} ({run/env})" if game_of(values) else "{run/env}"
             told = [
-                fill(f"run {self.name}: {played}, preset {{run/preset}}", values),
+                fill(f"run {self.name}: {played(values)}, preset {{run/preset}}", values),
                 fill(
-                    f"ended{when} in epoch {{run/epoch}}, after {{run/agent_steps}} steps in "
-                    "{run/seconds}",
+                    f"ended on {self.ended} in epoch {{run/epoch}}, after {{run/agent_steps}} "
+                    "steps in {run/seconds}",
                     values,
                 ),
-                fill(
-                    "score: training {play/train_reward}, test {play/test_reward}, best test "
-                    "{play/best_test_reward}, random {play/random_reward}",
-                    values,
-                ),
+                fill(SCORES, values),
             ]
         told += [self.last_words] if self.last_words else []
         return [one_line(line) for line in told]

@@ -86,12 +86,11 @@ class HealthGuard:
             seconds, steps = self._red_since[check.name]
             long = self._worked - seconds >= 60 * self.red_minutes
             if long and agent_steps - steps >= self._red_steps:
-                value = formats.written("significant", check.value)
                 yield (
                     check.name,
                     f"health check {check.name!r} has been red for {self.red_minutes:g} minutes "
-                    f"and {self._red_steps:,} steps: it is {value}, not {check.bound}, so "
-                    f"{check.why}",
+                    f"and {self._red_steps:,} steps: it is {formats.verdict(check)}, "
+                    f"so {check.why}",
                 )
 
     def _stall(self, agent_steps: int, updates: int, hint: str) -> Iterator[tuple[str, str]]:

@@ -113,6 +113,11 @@ class LearnerOptions(RunOptions):
     force: bool = False
     """Only warn, and train on, if a health check stays red or no progress is made."""
 
+    @property
+    def folder(self) -> RunFolder:
+        """The run's folder."""
+        return RunFolder(self.runs, run_name(self))
+
     def check(self) -> None:
         """Refuses flags that do not go together.
 
@@ -171,7 +176,7 @@ class LearnerOptions(RunOptions):
             actors, evaluators = local_names(self)
             for name in (*actors, *evaluators):
                 check_certificates(self.connect or self.listen, self.certificates, "actor", name)
-        folder = RunFolder(self.runs, run_name(self))
+        folder = self.folder
         folder.check_place()
         parts: tuple[Part, ...] = ("learner",) if self.connect else ("learner", "replay")
         for part in parts:
@@ -235,7 +240,7 @@ web_address = partial(check_address, flag="--web", usual="127.0.0.1:8080", least
 
 def going_on(options: LearnerOptions) -> LearnerOptions:
     """Returns the options that continue the run; ``options`` themselves if it has not begun."""
-    folder = RunFolder(options.runs, run_name(options))
+    folder = options.folder
     if folder.stored_config() is None:
         return options
     # The run has its own copy of the network, and the file may have changed since.
@@ -246,7 +251,7 @@ def going_on(options: LearnerOptions) -> LearnerOptions:
 def opening(options: LearnerOptions) -> str:
     """Returns the first line of a run; of a resumed run it says what is opened, which may take a
     minute."""
-    folder = RunFolder(options.runs, run_name(options))
+    folder = options.folder
     if not (options.resume and folder.has_begun):
         return LOADING
     replay = f"the replay at {options.connect}"
@@ -275,7 +280,7 @@ def run_name(options: LearnerOptions) -> str:
 def stored_config(options: LearnerOptions) -> RunConfig | None:
     """Returns the settings of the run to resume; None for a new one."""
     if options.resume:
-        return RunFolder(options.runs, run_name(options)).stored_config()
+        return options.folder.stored_config()
     return None
 
 

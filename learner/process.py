@@ -7,7 +7,6 @@ from functools import partial
 import torch
 
 from common.atomic_file import write_atomically
-from common.checked import MAX_COUNT
 from common.network import QNetwork
 from common.process.allocator import keep_large_blocks
 from common.process.exit_codes import RED
@@ -31,7 +30,6 @@ from learner.options import (
     going_on,
     join_command,
     resume_command,
-    run_name,
 )
 from learner.telemetry.sinks.display import open_display
 from learner.telemetry.sinks.kept_log import KeptLogSink
@@ -46,7 +44,7 @@ def train(options: LearnerOptions, again: bool) -> int:
     """
     if again:
         options = going_on(options)
-    config, folder = options.config, RunFolder(options.runs, run_name(options))
+    config, folder = options.config, options.folder
     sign = signer(options.certificates)
     network = first_network(options, folder)
     demonstrations = begin_with(options.demonstrations, config, folder, resume=options.resume)
@@ -66,8 +64,8 @@ def train(options: LearnerOptions, again: bool) -> int:
     folder.claim("learner", config, resume=options.resume, begin=begin)
     with (
         folder.removed_if_unused(),
-        end_with_any_thread(stop),
         kept_log(folder.logs / "learner.jsonl", "learner") as keep,
+        end_with_any_thread(stop),
         open_pages(options, folder) as (pages, page),
         open_replay(options, folder, stop) as (transport, replay, endpoint),
         open_display(as_json=options.log_json) as display,
@@ -95,7 +93,7 @@ def train(options: LearnerOptions, again: bool) -> int:
             # A run that was stopped while it sent them begins when it is resumed, with all of them.
             if sent:
                 learner.start()
-                disk = replay.progress(MAX_COUNT).file_bytes
+                disk = replay.progress().file_bytes
                 display.line(_first_words(options, folder, device, disk, endpoint))
                 local = options.local and not stop.is_set()
                 learner.run(launch(options, from_here(endpoint), folder) if local else None)

@@ -82,8 +82,7 @@ def publish(options: Options, stop: threading.Event) -> dict[str, Any]:
     write_atomically(weights, published)
     _write(options.output, card)
     asked = EvaluationOptions(headline=True, games=options.games)
-    asked.check()
-    scores = evaluate(weights, asked, config.for_play, config.for_play, ClockConfig(), stop)
+    scores = evaluate(weights, asked, config.for_play, ClockConfig(), stop)
     if scores is None:
         told = "the evaluation was stopped, so the card has no scores: publish again."
         raise InputError(told, INTERRUPTED)
@@ -95,10 +94,9 @@ def publish(options: Options, stop: threading.Event) -> dict[str, Any]:
 def _trained(options: Options) -> tuple[RunConfig, QNetwork, dict[str, Any]]:
     """Returns the run's settings, the network to publish, and what the card says of its
     training."""
-    folder = RunFolder.named(options.run)
-    config = None if folder is None else folder.stored_config()
-    if folder is None or config is None:
-        raise InputError(f"{options.run} is not a run: name one, such as first, or its folder.")
+    folder = RunFolder.existing(options.run)
+    config = folder.stored_config()
+    assert config is not None  # or it would not be a run
     snapshots = Snapshots(folder.snapshots)
     source = folder.checkpoint if options.last else snapshots.best
     for file in (source, *([] if options.last else [snapshots.best_card]), folder.summary):

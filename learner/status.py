@@ -1,6 +1,5 @@
 """``ale-robot status``, or ``python -m learner --status``: shows how a run is doing."""
 
-import json
 import sys
 import textwrap
 from collections.abc import Iterator, Sequence
@@ -13,7 +12,7 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from common.checked import MAX_COUNT, Patience
+from common.checked import Patience
 from common.errors import InputError, MessageError, Unreachable
 from common.metrics import METRICS
 from common.process.command_line import parse
@@ -23,21 +22,22 @@ from common.protocol.run_keys import RunKeys
 from common.protocol.run_status import RunStatus
 from common.run.folder import RunFolder
 from common.run.join import find_run
-from common.strict_json import strict
+from common.strict_json import dumps
 from common.transport.chosen import connect
 from common.transport.endpoint import DEFAULT_ENDPOINT
 from common.transport.interface import Transport
 from common.version import VERSION
 from learner.ended_run import EndedRun
 from learner.telemetry.formats import (
+    SCORES,
     UNKNOWN,
     decimal,
     ended,
     figure,
     fill,
-    game_of,
     one_line,
-    written,
+    played,
+    verdict,
 )
 from learner.telemetry.health_checks import reasons
 from replay.chunk_statistics import Progress
@@ -52,8 +52,8 @@ class StatusOptions:
     """Show how a run is doing: its processes, their rates and lag, and what is wrong."""
 
     local: Annotated[Path | None, tyro.conf.Positional, tyro.conf.arg(metavar="[RUN]")] = None
-    """Run of this machine, by its name or folder. If nobody works at it any more, it is told how
-    far it came."""
+    """Run, by its name or its folder on this machine. If nobody works at it here any more, the
+    answer is how far it came."""
     connect: str = DEFAULT_ENDPOINT
     """Address of the run's hub: the learner, or a replay in its own process."""
     certificates: Path | None = None
@@ -99,7 +99,7 @@ class Report:
                 "actors": [actor._asdict() for actor in self.learner.actors],
             },
         }
-        return json.dumps(strict(told), indent=2, ensure_ascii=False, allow_nan=False)
+        return dumps(told)
 
     def show(self, console: Console) -> None:
         """Prints the report for a person.
@@ -120,8 +120,7 @@ class Report:
             say(words)
         else:
             values = {key: learner.values.get(key) for key in METRICS}
-            played = "{run/game} ({run/env})" if game_of(values) else "{run/env}"
-            say(f"{words}: {fill(played, values)}")
+            say(f"{words}: {played(values)}")
             now = "preset {run/preset}, {run/phase}, epoch {run/epoch}, {run/agent_steps} steps"
             say(fill(now, values))
         columns = ("process", "state", "version", "rate", "behind", "heard")
@@ -135,8 +134,7 @@ class Report:
                 "staleness {stream/staleness_p50}/{stream/staleness_p95} updates (p50/p95); "
                 "samples per insert {stream/samples_per_insert} of "
                 "{stream/samples_per_insert_goal}; {stream/steps_per_second} steps/s",
-                "score: training {play/train_reward}, test {play/test_reward}, "
-                "best test {play/best_test_reward}, random {play/random_reward}",
+                SCORES,
             ):
                 say(fill(line, values))
             if not _has_actor(learner):
@@ -146,8 +144,7 @@ class Report:
                 )
             for check in learner.checks:
                 if check.passed is False and not check.stops:
-                    value = written("significant", check.value)
-                    say(f"warning: {check.name} is {value}, not {check.bound}: {check.why}")
+                    say(f"warning: {check.name} is {verdict(check)}: {check.why}")
         for reason in self.reasons:
             say(f"RED: {reason}", "red")
         if not self.reasons:
@@ -197,7 +194,7 @@ def ask(
         Unreachable: the replay does not answer.
     """
     deadline = min(max(patience, _LEAST_PATIENCE), _MAX_PATIENCE)
-    request = ProgressRequest(MAX_COUNT, None).encode()
+    request = ProgressRequest().encode()
     replays = transport.gather(keys.progress, deadline, request)
     learners = transport.gather(keys.status, deadline)
     try:
@@ -224,7 +221,7 @@ def _show_ended(run: EndedRun, *, as_json: bool) -> int:
     if as_json:
         told = {"run": run.name, "healthy": False, "reasons": [run.reason], "version": VERSION}
         told |= {"ended": run.ended or None, "summary": run.summary or None}
-        print(json.dumps(strict(told), indent=2, ensure_ascii=False, allow_nan=False))
+        print(dumps(told))
     else:
         for line in [*run.lines(), run.reason]:
             print(line)
@@ -236,12 +233,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given = sys.argv[1:] if arguments is None else arguments
     options = parse(StatusOptions, "learner.status", given)
     name = options.run
-    if options.local is not None:
-        if (folder := RunFolder.named(options.local)) is None:
-            raise InputError(
-                f"{options.local} is no run of this machine: name one, such as first, or its "
-                "folder; of a run elsewhere, give the learner's address with --connect."
-            )
+    if options.local is not None and name is not None:
+        raise InputError(f"--run {name} names a run beside {options.local}: omit one of them.")
+    if options.local is not None and options.connect != DEFAULT_ENDPOINT:
+        name = str(options.local)
+    elif options.local is not None:
+        folder = RunFolder.existing(options.local)
         if not folder.is_at_work():
             return _show_ended(EndedRun.of(folder), as_json=options.json)
         name = folder.name

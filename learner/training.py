@@ -132,15 +132,15 @@ class Learner:
         result = self.algorithm.update(batch.prepared)
         self.phases.add(result.loss)
         self.telemetry.update(batch.prepared.batch, result)
-        updates, schedule = self.phases.updates, self.config.learning
+        updates, learning = self.phases.updates, self.config.learning
         self.losses.add(updates, batch.ids, result)
         if self._prioritised:
             self.losses.check()
             if not self.losses.was_skipped(updates):
                 self.replay.update_priorities(batch.ids, result.priorities.cpu().numpy())
-        if updates % schedule.publish_period == 0:
+        if updates % learning.publish_period == 0:
             self._publish()
-        if updates % schedule.checkpoint_period == 0:
+        if updates % learning.checkpoint_period == 0:
             self._checkpoint()
 
     def _look(self) -> None:

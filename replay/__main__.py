@@ -29,7 +29,6 @@ from functools import partial
 
 import tyro
 
-from common.checked import MAX_COUNT
 from common.errors import InputError
 from common.process.allocator import keep_large_blocks
 from common.process.command_line import RunOptions, parse_run, started_by, without_flags
@@ -99,8 +98,8 @@ def serve(options: ReplayOptions, again: bool) -> None:
     pages: dict[str, Callable[[], Page]] = {}
     with (
         folder.removed_if_unused(),
-        end_with_any_thread(stop),
         kept_log(folder.logs / "replay.jsonl", "replay"),
+        end_with_any_thread(stop),
         http_endpoints(options.http, lambda: pages),  # first: a refused start makes no ring
         _open(options, stop) as transport,
         closing(ReplayBuffer(config, folder.replay)) as buffer,
@@ -110,18 +109,18 @@ def serve(options: ReplayOptions, again: bool) -> None:
                 pages |= _pages(buffer, folder.name)
             place = options.connect or options.listen
             say(f"replay of run {folder.name} in {folder.replay}, at {place}.")
-            say(_line(buffer.progress(MAX_COUNT)))
+            say(_line(buffer.progress()))
             tell("READY=1")
             failed = ""
             while not stop.wait(_REPORT_SECONDS):
-                progress = buffer.progress(MAX_COUNT)
+                progress = buffer.progress()
                 say(_line(progress), progress.values())
                 tell(f"STATUS={_line(progress)}", "WATCHDOG=1")
                 if failed:
                     raise InputError(failed)
                 failed = progress.failed  # one report later the learner has heard of it, too
             tell("STOPPING=1")
-        say(_line(buffer.progress(MAX_COUNT)))
+        say(_line(buffer.progress()))
     flags = without_flags(sys.argv[1:], ["--initial"], ["--resume"])
     go_on = shlex.join([*started_by("replay").split(), *flags, "--resume"])
     say(f"The replay is in {folder.replay}; go on with:\n  {go_on}")
@@ -165,12 +164,10 @@ def _pages(buffer: ReplayBuffer, run: str) -> dict[str, Callable[[], Page]]:
     from common.exposition import families, metrics_page
 
     def works() -> Page:
-        buffer.progress(MAX_COUNT)
+        buffer.progress()
         return verdict([])
 
-    figures = metrics_page(
-        lambda: families({**buffer.progress(MAX_COUNT).values(), "run/run": run})
-    )
+    figures = metrics_page(lambda: families({**buffer.progress().values(), "run/run": run}))
     return {"/healthz": works, "/readyz": works, "/metrics": figures}
 
 

@@ -123,7 +123,7 @@ class RemoteReplay:
         held = _decoded(HeldOutStates, self._insist(self._held_out, request))
         return held.frames, held.vectors
 
-    def progress(self, since: int, *, goal: int | None = None) -> Progress:
+    def progress(self, since: int = MAX_COUNT, *, goal: int | None = None) -> Progress:
         """See `Replay.progress`; works after `close` too, unless the server is away. Raises
         InputError if `close` was called while the server was away, or if it now serves another
         run."""
@@ -139,13 +139,13 @@ class RemoteReplay:
 
     def drain(self) -> None:
         """See `Replay.drain`; works after `close` too."""
-        _answer(self._last.request(ProgressRequest(MAX_COUNT, None, drain=True).encode()))
+        _answer(self._last.request(ProgressRequest(drain=True).encode()))
 
     def sync(self) -> None:
         """See `Replay.sync`; works after `close` too, but then does not wait longer for a slow
         disk. Raises InputError if the replay's disk refuses."""
         requester = self._last if self._closed.is_set() else self._syncs
-        future = requester.request(ProgressRequest(MAX_COUNT, None, durable=True).encode())
+        future = requester.request(ProgressRequest(durable=True).encode())
         try:
             future.result()
         except Unanswered:

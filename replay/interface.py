@@ -5,6 +5,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from common.checked import MAX_COUNT
 from replay.batch import Batch
 from replay.chunk_statistics import Progress
 
@@ -42,8 +43,9 @@ class Replay(Protocol):
             newest: number of the ring's newest frames from which to choose; None for all.
         """
 
-    def progress(self, since: int, *, goal: int | None = None) -> Progress:
-        """Returns the replay's counters, and the statistics of chunks from index ``since`` on.
+    def progress(self, since: int = MAX_COUNT, *, goal: int | None = None) -> Progress:
+        """Returns the replay's counters, and the statistics of chunks from index ``since`` on, by
+        default none.
 
         ``goal`` sets the number of agent steps with which the run is over, which acknowledgements
         then tell the actors; it stays until it is set again. None changes nothing.

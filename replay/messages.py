@@ -7,7 +7,7 @@ import numpy as np
 from annotated_types import Ge, Le
 from numpy.typing import NDArray
 
-from common.checked import Amount, Count
+from common.checked import MAX_COUNT, Amount, Count
 from common.protocol.message import Array, Message
 from common.protocol.step_fields import FRAME_BYTES, FRAME_SHAPE
 from common.protocol.wire import MAX_MESSAGE_BYTES
@@ -54,8 +54,8 @@ class HeldOutStates(Message):
 class ProgressRequest(Message):
     """See `replay.interface.Replay.progress`."""
 
-    since: Count
-    goal: Count | None
+    since: Count = MAX_COUNT
+    goal: Count | None = None
     durable: bool = False
     """See `replay.interface.Replay.sync`."""
     drain: bool = False

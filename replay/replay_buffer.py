@@ -218,7 +218,7 @@ class ReplayBuffer:
         assert found is not None
         return found
 
-    def progress(self, since: int, *, goal: int | None = None) -> Progress:
+    def progress(self, since: int = MAX_COUNT, *, goal: int | None = None) -> Progress:
         resident, private = footprint()
         file_bytes = self._store.columns.file_bytes  # without the lock, as the disk may be slow
         with self._state:

@@ -20,7 +20,7 @@ from common.process.played import Played
 from common.process.progress import Progress
 from common.run.epochs import EpochRow, EpochTable
 from common.run.folder import RunFolder, kept_networks
-from common.run.origin import find_run, find_weights, shown_weights
+from common.run.origin import find_weights, run_meant_by, shown_weights
 from viewer import overlay
 from viewer.movie import check_movie, open_movie
 from viewer.panels import Panels
@@ -95,7 +95,7 @@ class Film(Played):
         """The folder of the run to film; None if it is one network."""
         if self.shown is None:
             return None
-        if (run := find_run(self.shown)) is not None:
+        if (run := run_meant_by(self.shown)) is not None:
             return run.path
         return self.shown if self.shown.is_dir() else None
 
@@ -145,8 +145,7 @@ class Film(Played):
 def chapters_of(folder: Path) -> list[Chapter]:
     """Returns what a run began with and its kept snapshots, the oldest first. Raises InputError if
     it is not a run's folder, or the run has kept none."""
-    if (run := RunFolder.at(folder)) is None:
-        raise InputError(f"{folder} is not a run: name one, or its folder.")
+    run = RunFolder.existing(folder)
     networks = kept_networks(run.snapshots)
     if not networks:
         newest = f", or film one network: {run.checkpoint}" if run.checkpoint.is_file() else ""

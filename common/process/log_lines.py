@@ -114,9 +114,9 @@ class _KeptFile(RotatingFileHandler):
 
 @contextmanager
 def kept_log(path: Path, role: str) -> Iterator[Callable[..., None]]:
-    """Appends all that is logged within the block to ``path``, as lines of JSON, and all texts
-    given to the function that it yields, whose second argument is the level, "INFO" by default. If
-    the disk is full, lines are lost and nothing else."""
+    """Appends lines of JSON to ``path``: all that is logged within the block, the error that ends
+    it, and all texts given to the function that it yields, whose second argument is the level,
+    "INFO" by default. If the disk is full, lines are lost and nothing else."""
     root = logging.getLogger()
     # Python drops its last resort, the terminal, once there is another handler.
     terminal = None if root.handlers else logging.lastResort
@@ -133,6 +133,9 @@ def kept_log(path: Path, role: str) -> Iterator[Callable[..., None]]:
 
     try:
         yield keep
+    except Exception as error:
+        keep(str(error) or repr(error), "ERROR")
+        raise
     finally:
         root.removeHandler(file)
         if terminal is not None:

@@ -7,10 +7,9 @@ environment.
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import Annotated, TypeVar
+from typing import TypeVar
 
 import tyro
-from annotated_types import Ge, Lt
 
 from common.errors import InputError
 from common.process.command_line import ALL_RANGES, parse
@@ -19,7 +18,7 @@ from common.process.first_flags import read_first
 from common.process.own_flags import going_on_from, own_help
 from common.registry import ENVIRONMENTS
 from common.run.conditions import CameraConfig, PlayConfig
-from common.run.config import MAX_SEED, RunConfig
+from common.run.config import RunConfig, Seed
 from common.run.fit import check_fit
 from common.run.origin import origin_of
 from common.run.own_settings import defaults_of
@@ -48,7 +47,7 @@ class Played:
     """Environment: 'robot', 'ale', or a registered one."""
     game: str = RunConfig.game
     """Game: any that ale-py bundles."""
-    seed: Annotated[int, Ge(0), Lt(MAX_SEED)] = RunConfig.seed
+    seed: Seed = RunConfig.seed
     """Seed of the games and the random actions; by default that of the network's training."""
     play: PlayConfig = field(default_factory=PlayConfig)
     camera: CameraConfig = field(default_factory=CameraConfig)
@@ -121,13 +120,12 @@ def parse_played(kind: type[P], program: str, arguments: Sequence[str]) -> P:
     try:
         command = _parse(kind, program, flags, usual)
         trained = settings_of(command.network, command.env)
-        env = command.env
     except InputError:
         if flags == arguments:
             raise
-        trained, env = usual, usual.env  # its help is asked for, without a network
+        trained = usual  # its help is asked for, without a network
     if drawn:
-        trained = replace(trained, randomise=all_ranges(env))
+        trained = replace(trained, randomise=all_ranges(known.get("env", trained.env)))
     if trained == usual and flags == arguments:
         return command
     return _parse(kind, program, going_on_from(flat(trained), arguments), trained)

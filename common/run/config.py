@@ -23,6 +23,7 @@ MAX_CHUNK_STEPS = 1_024
 MAX_WINDOW = 64
 MAX_ENVS = 256
 MAX_SEED = 2**63
+Seed = Annotated[int, Ge(0), Lt(MAX_SEED)]
 
 PresetName = Literal["paper", "fast", "robot", "frugal"]
 InitialWeights = Literal["torch", "glorot", "he"]
@@ -198,7 +199,7 @@ class RunConfig:
     (ALE-Robot); or a registered one."""
     game: str = "pong"
     """Game: any that ale-py bundles, in snake_case."""
-    seed: Annotated[int, Ge(0), Lt(MAX_SEED)] = 1
+    seed: Seed = 1
     """Seed of the initial weights, the minibatches and the actors' games."""
     play: PlayConfig = field(default_factory=PlayConfig)
     camera: CameraConfig = field(default_factory=CameraConfig)

@@ -98,6 +98,13 @@ class RunFolder:
         run = cls.at(path)
         return cls.at(RUNS / path) if run is None and path.parent == Path() else run
 
+    @classmethod
+    def existing(cls, path: Path) -> Self:
+        """Returns the run that `named` finds. Raises InputError if there is none."""
+        if (run := cls.named(path)) is None:
+            raise InputError(f"{path} is not a run: name one, such as first, or its folder.")
+        return run
+
     def stored_config(self) -> RunConfig | None:
         """Returns the configuration with which the run was started; None for a new run. Raises
         InputError if the file cannot be read."""

@@ -32,7 +32,7 @@ def find_weights(name: str | Path) -> Path:
     Raises InputError if there is none.
     """
     path = Path(name)
-    if (run := find_run(path)) is not None:
+    if (run := run_meant_by(path)) is not None:
         path = run.checkpoint
     elif (file := _in_full(path)) is not None:
         path = file
@@ -42,7 +42,7 @@ def find_weights(name: str | Path) -> Path:
     return path
 
 
-def find_run(path: Path) -> RunFolder | None:
+def run_meant_by(path: Path) -> RunFolder | None:
     """Returns the run whose newest network `find_weights` takes for ``path``, or None."""
     return None if path.is_file() or _in_full(path) is not None else RunFolder.named(path)
 

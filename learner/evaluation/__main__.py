@@ -29,7 +29,6 @@ from common.process.log_lines import LOADING, say_aside
 from common.process.played import Played, parse_played
 from common.process.program_end import exit_on_input_error
 from common.run.clock import ClockConfig
-from common.run.origin import origin_of
 from common.run.ranges import RandomiseConfig
 from learner.evaluation.options import EvaluationOptions
 
@@ -79,15 +78,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     stop = threading.Event()
     on_signals(stop)
-    trained = origin_of(command.network)
-    found = evaluate(
-        command.network,
-        command.options,
-        command.config(),
-        trained and trained.for_play,
-        command.clock,
-        stop,
-    )
+    found = evaluate(command.network, command.options, command.config(), command.clock, stop)
     return INTERRUPTED if found is None else 0
 
 

@@ -28,8 +28,8 @@ from common.process.supervisor import Child
 from common.protocol.weights import load_weights_file
 from common.run.clock import ClockConfig
 from common.run.config import RunConfig
-from common.run.fit import SHAPING_SETTINGS, check_fit
-from common.run.origin import name_of
+from common.run.fit import SHAPING_SETTINGS
+from common.run.origin import name_of, origin_of
 from common.run.presets import PRESETS
 from common.run.stored_config import differences, to_json
 from common.strict_json import strict
@@ -45,7 +45,6 @@ def evaluate(
     network: Path,
     options: EvaluationOptions,
     config: RunConfig,
-    trained: RunConfig | None,
     clock: ClockConfig,
     stop: threading.Event,
     console: Console | None = None,
@@ -54,18 +53,18 @@ def evaluate(
 
     Args:
         network: file of the weights.
-        config: settings to play under.
-        trained: settings that the network was trained under; None if they are unknown.
+        config: settings to play under, which the network fits.
 
     Returns:
         The content of the JSON file; None if ``stop`` was set.
 
     Raises:
-        InputError: the network does not fit ``config``, or the file cannot be written.
+        InputError: the file is not of such a network, or the results cannot be written.
     """
     made_by = provenance()
     console = console or Console(highlight=False)
-    check_fit(network, trained, config)
+    origin = origin_of(network)
+    trained = origin and origin.for_play
     load_weights_file(build_network(config, config.action_count), network, "this game")
     rows = _rows(network, options, config, trained, clock, stop, console)
     if rows is None:
@@ -105,7 +104,7 @@ def _rows(
     had been played."""
     measures = options.measures(config, trained)
     rows, played = [], 0
-    total = options.game_count * len(measures)
+    total = options.games * len(measures)
     at_once = f"{options.at_once} at a time; the time left follows with the first"
     begins = f"{counted(total, 'game')}, {at_once}"
     with Progress("evaluating", total, begins) as progress:
@@ -117,8 +116,8 @@ def _rows(
                 played += 1
                 if not console.is_terminal:  # a log lists the games one by one
                     console.print(f"game {played}: score {points(game['score'])}")
-                later = options.game_count * (len(measures) - number)
-                total = played + max(options.game_count - len(found), 0) + later
+                later = options.games * (len(measures) - number)
+                total = played + max(options.games - len(found), 0) + later
                 progress.update(played, total=total, note=f"{played} of {total} games")
             if stop.is_set():
                 break
@@ -169,7 +168,7 @@ def play(
         "--weights": network,
         "--settings": to_json(config),
         "--epsilon": epsilon,
-        "--steps": -(-(options.test_steps or 0) // count),
+        "--steps": -(-options.test_steps // count),
         "--ending": ENDING,
     }
     lines: Queue[tuple[int, str | None]] = Queue()
@@ -177,7 +176,7 @@ def play(
     with ExitStack() as end:
         for at in range(count):
             own = {
-                "--games": options.game_count // count + (at < options.game_count % count),
+                "--games": options.games // count + (at < options.games % count),
                 "--seed": config.seed * 1_000 + at,
             }
             pairs = [str(part) for pair in (arguments | own).items() for part in pair]

@@ -47,15 +47,14 @@ class EvaluationOptions:
     headline: bool = False
     """Three evaluations in one table and one file: with 0.001 random actions, with 0.05 as in 2017,
     and with 0.001 under sticky actions (--play.sticky 0.25), which only Atari games have."""
-    games: FromOne | None = None
-    """Number of games, over all processes, by default 30; with --headline, of each of its three
-    evaluations."""
-    test_steps: Count | None = None
+    games: FromOne = GAMES
+    """Number of games, over all processes; with --headline, of each of its three evaluations."""
+    test_steps: Count = 0
     """Minimum number of agent steps, over all processes; the tests of 2017 played 125,000."""
     epsilon: Fraction | None = None
     """Share of random actions, 0 to 1, by default 0.001; the tests of 2017 had 0.05."""
-    processes: Count | None = None
-    """Number of games played at the same time; 0, or by default, for as many as there are cores."""
+    processes: Count = 0
+    """Number of games played at the same time; 0 for as many as there are cores."""
     json: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
     """File for the results, as JSON; earlier results in it are replaced."""
 
@@ -72,14 +71,9 @@ class EvaluationOptions:
             check_results_file(self.json)  # before the games, not after them
 
     @property
-    def game_count(self) -> int:
-        """Number of games of each measurement."""
-        return GAMES if self.games is None else self.games
-
-    @property
     def at_once(self) -> int:
         """Number of games that are played at the same time."""
-        return min(self.processes or len(os.sched_getaffinity(0)), self.game_count)
+        return min(self.processes or len(os.sched_getaffinity(0)), self.games)
 
     def measures(self, config: RunConfig, trained: RunConfig | None) -> Sequence[Measure]:
         """Returns the measurements to make.

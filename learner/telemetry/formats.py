@@ -10,6 +10,7 @@ import numpy as np
 
 from common.metrics import METRICS, Metric, Values, number
 from common.minus import minus_signed
+from common.protocol.run_status import HealthCheck
 from common.registry import ENVIRONMENTS
 
 UNKNOWN = "–"
@@ -36,6 +37,19 @@ def significant(value: float) -> str:
     return minus_signed(f"{value:.1e}")
 
 
+def reading(check: HealthCheck) -> str:
+    """Returns the value of a health check; whole numbers of one that must have none, such as
+    "skipped updates = 0", without decimals."""
+    if check.bound.startswith("=") and check.value is not None and check.value % 1 == 0:
+        return f"{check.value:,.0f}"
+    return written("significant", check.value)
+
+
+def verdict(check: HealthCheck) -> str:
+    """Returns value and bound of a red health check: ``90.00, not ≤ 66``, ``10, not 0``."""
+    return f"{reading(check)}, not {check.bound.removeprefix('= ')}"
+
+
 def share(done: float, total: float) -> str:
     """Returns the share of ``done`` in ``total`` in whole per cent, never rounded up to 100."""
     return f"{math.floor(100 * min(done / total, 1)) if total else 0} %"
@@ -60,6 +74,18 @@ def game_of(values: Values) -> str:
     """Returns the Atari game that is played; nothing of an environment that has none."""
     game = values["run/game"]
     return "" if game == values["run/env"] else str(game)
+
+
+def played(values: Values) -> str:
+    """Returns what a run plays: ``pong (robot)``."""
+    return fill("{run/game} ({run/env})" if game_of(values) else "{run/env}", values)
+
+
+SCORES = (
+    "score: training {play/train_reward}, test {play/test_reward}, best test "
+    "{play/best_test_reward}, random {play/random_reward}"
+)
+"""Template of a line of a run's scores."""
 
 
 def hardware(values: Values) -> str:
@@ -153,7 +179,7 @@ def label_and_text(metric: Metric, values: Values) -> tuple[str, str]:
     return label, fill(metric.shown or f"{{{metric.key}}}", values)
 
 
-class Progress(NamedTuple):
+class ProgressBar(NamedTuple):
     """One progress bar of the run."""
 
     label: str
@@ -164,7 +190,7 @@ class Progress(NamedTuple):
     note: str
 
 
-def progress_of(values: Values) -> tuple[Progress, ...]:
+def progress_of(values: Values) -> tuple[ProgressBar, ...]:
     """Returns the progress of phase, run and replay."""
     warm_up, finishing = (values["run/phase"] == phase for phase in ("warm-up", "finishing"))
     label = "Warm-up" if warm_up else f"Epoch {values['run/epoch']}"
@@ -172,9 +198,9 @@ def progress_of(values: Values) -> tuple[Progress, ...]:
     ending = values.get("run/seconds_to_goal") is not None
     time = "{run/seconds}, {run/seconds_to_goal} left" if ending else "{run/seconds} so far"
     return (
-        Progress(label, "run/phase_steps", "run/phase_length", left),
-        Progress("Run", "run/agent_steps", "run/steps_goal", fill(time, values)),
-        Progress("Replay", "stream/stored", "stream/capacity", ""),
+        ProgressBar(label, "run/phase_steps", "run/phase_length", left),
+        ProgressBar("Run", "run/agent_steps", "run/steps_goal", fill(time, values)),
+        ProgressBar("Replay", "stream/stored", "stream/capacity", ""),
     )
 
 

@@ -117,6 +117,14 @@ def test_a_policy_plays_and_is_evaluated_under_other_conditions() -> None:
         ale_robot.evaluate("ale_pong", play=PlayConfig())
 
 
+def test_conditions_that_its_training_drew_are_no_change() -> None:
+    policy = ale_robot.load_policy("robot_pong_worlds")
+    assert policy.config.randomise == RandomiseConfig()
+    short = replace(policy.config.play, max_game_frames=80)
+    found = ale_robot.evaluate("robot_pong_worlds", games=1, play=short)
+    assert found["changed"] == ["play.max_game_frames 108000 → 80"]
+
+
 def test_a_policy_plays_in_another_environment() -> None:
     """`ale_pong` knows the game only from the emulator's own picture."""
     policy = ale_robot.load_policy("ale_pong")
@@ -140,7 +148,8 @@ def test_a_policy_plays_in_another_environment() -> None:
         ({"games": 0}, r"^games is 0: choose 1 or more\."),
         ({"epsilon": 1.5}, r"^epsilon is 1\.5: choose at most 1\."),
         ({"processes": -1}, r"^processes is -1: choose 0 or more\."),
-        ({"seed": -1}, r"^seed is -1: choose from 0 to "),
+        ({"seed": -1}, r"^seed is -1: choose 0 or more\."),
+        ({"seed": 1.5}, r"^seed is 1\.5, which is not a whole number"),
     ],
 )
 def test_arguments_of_an_evaluation_out_of_bounds_are_told(
@@ -194,8 +203,10 @@ def test_who_only_plays_may_stack_more_frames_than_a_runs_messages_hold() -> Non
 @pytest.mark.parametrize(
     ("given", "told"),
     [
-        ({"epsilon": 3.0}, r"^epsilon is 3\.0: choose from 0 to 1\."),
-        ({"seed": -1}, r"^seed is -1: choose from 0 to "),
+        ({"epsilon": 3.0}, r"^epsilon is 3\.0: choose at most 1\."),
+        ({"epsilon": "a"}, r"^epsilon is 'a', which is not a number"),
+        ({"seed": -1}, r"^seed is -1: choose 0 or more\."),
+        ({"seed": 1.5}, r"^seed is 1\.5, which is not a whole number"),
     ],
 )
 def test_arguments_out_of_bounds_are_told(given: dict[str, Any], told: str) -> None:

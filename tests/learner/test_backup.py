@@ -45,7 +45,7 @@ def content(folder: Path) -> dict[str, str]:
 
 
 def test_all_files_are_copied_but_for_what_is_half_written(run: RunFolder, tmp_path: Path) -> None:
-    copy = back_up(BackupOptions(run.path, tmp_path / "copy"), threading.Event())
+    copy = back_up(BackupOptions(run.path, tmp_path / "copy"), threading.Event())[1].path
     assert copy == tmp_path / "copy"
     assert content(copy) == {
         "config.json": "{}",
@@ -66,7 +66,7 @@ def test_a_run_that_is_linked_is_copied(
     (tmp_path / "here" / "runs").mkdir(parents=True)
     (tmp_path / "here" / "runs" / "first").symlink_to(run.path)
     monkeypatch.chdir(tmp_path / "here")
-    copy = back_up(BackupOptions(Path(named), tmp_path / "copy"), threading.Event())
+    copy = back_up(BackupOptions(Path(named), tmp_path / "copy"), threading.Event())[1].path
     assert "config.json" in content(copy)
 
 
@@ -104,7 +104,7 @@ def test_the_copy_is_for_its_owner_alone(run: RunFolder, tmp_path: Path) -> None
     key = run.path / "certificates" / "ca-key.pem"
     key.parent.mkdir()
     key.touch(mode=0o600)
-    copy = back_up(BackupOptions(run.path, tmp_path / "copy"), threading.Event())
+    copy = back_up(BackupOptions(run.path, tmp_path / "copy"), threading.Event())[1].path
     assert (copy / "certificates" / "ca-key.pem").stat().st_mode & 0o777 == 0o600
     assert copy.stat().st_mode & 0o777 == 0o700
 
@@ -141,7 +141,7 @@ def test_a_copy_that_is_stopped_leaves_nothing(
 def test_a_replay_on_another_disk_is_copied(run: RunFolder, tmp_path: Path) -> None:
     elsewhere = run.replay.rename(tmp_path / "disk")
     run.replay.symlink_to(elsewhere)
-    copy = back_up(BackupOptions(run.path, tmp_path / "copy"), threading.Event())
+    copy = back_up(BackupOptions(run.path, tmp_path / "copy"), threading.Event())[1].path
     assert (copy / "replay" / "actions.bin").read_text() == "rows"
     assert not (copy / "replay").is_symlink()
 
@@ -163,7 +163,7 @@ def test_what_the_copy_rests_on_comes_first(
         return original(path, mode, **how)
 
     monkeypatch.setattr(Path, "open", work_on)
-    copy = back_up(BackupOptions(run.path, tmp_path / "copy"), threading.Event())
+    copy = back_up(BackupOptions(run.path, tmp_path / "copy"), threading.Event())[1].path
     monkeypatch.undo()
     assert opened[:3] == [
         "checkpoint.safetensors", "checkpoint.previous.safetensors", "journal.jsonl",

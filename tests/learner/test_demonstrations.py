@@ -23,7 +23,7 @@ from common.protocol.run_keys import DEMONSTRATIONS, RunKeys
 from common.run.config import RunConfig
 from common.run.folder import RunFolder
 from learner import demonstrations
-from learner.demonstrations import Begun, Demonstrations, begin_with, insert_all
+from learner.demonstrations import Demonstrations, DemonstrationsRecord, begin_with, insert_all
 from replay.replay_buffer import ReplayBuffer
 from replay.server import ReplayServer
 from tests.actors.numbered_env import CUT, GAME_OVER, GOES_ON, LOSES_A_LIFE, Moment
@@ -167,7 +167,7 @@ def test_they_are_on_the_disk_before_they_count_as_sent(
                 insert_all(found, transport, buffer, folder, stop, print)
         assert not folder.demonstrations.exists()
         assert insert_all(found, transport, buffer, folder, stop, print)
-        begun = Begun.of(folder)
+        begun = DemonstrationsRecord.of(folder)
         assert begun is not None
         assert begun.complete
         stop.set()
@@ -237,9 +237,9 @@ def test_a_recording_without_a_whole_step_is_refused(tmp_path: Path) -> None:
 def test_a_long_path_is_a_path(tmp_path: Path) -> None:
     folder = RunFolder(tmp_path, "r")
     folder.path.mkdir()
-    begun = Begun("/" + "a/" * 1_000, "0" * 64, 5)
+    begun = DemonstrationsRecord("/" + "a/" * 1_000, "0" * 64, 5)
     folder.demonstrations.write_bytes(begun.encode())
-    assert Begun.of(folder) == begun
+    assert DemonstrationsRecord.of(folder) == begun
 
 
 @pytest.mark.parametrize(
@@ -292,7 +292,7 @@ def test_a_run_begins_with_one_recording_and_goes_on_where_that_was_interrupted(
     assert begun("d", resume=False) == 48
     first = Demonstrations(tmp_path / "d", CONFIG).begun
     folder.demonstrations.write_bytes(first.encode())
-    assert Begun.of(folder) == first
+    assert DemonstrationsRecord.of(folder) == first
     # Killed before all were sent: with the flag or without it.
     assert begun("d", resume=True) == begun(None, resume=True) == 48
     folder.demonstrations.write_bytes(replace(first, complete=True).encode())

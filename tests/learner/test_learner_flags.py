@@ -258,8 +258,9 @@ def test_an_evaluation_draws_only_what_it_is_told_to(tmp_path: Path) -> None:
     assert evaluation(network, "--randomise.gamma", "1.5").randomise == RandomiseConfig(gamma=1.5)
     drawn = evaluation(network, "--randomise.all", "--randomise.gamma", "1.2").randomise
     assert drawn == replace(all_ranges("robot"), gamma=1.2)
-    by_emulator = evaluation(network, "--env", "ale", "--randomise.all").randomise
-    assert by_emulator == all_ranges("ale") != all_ranges("robot")
+    for arguments in ((network, "--env", "ale"), ("ale_pong",)):
+        drawn = evaluation(*arguments, "--randomise.all").randomise
+        assert drawn == all_ranges("ale") != all_ranges("robot")
     assert found("--runs", str(tmp_path), "--run", "r", "--resume") == trained
 
 
@@ -325,6 +326,11 @@ def test_a_program_says_that_it_starts_once_its_flags_are_known_to_be_right(
         (("--evaluate=robot_pong", "--run", "r"), r"training: name the network alone, as in `ale"),
         (("--evaluate", "robot_pong", "--learning.n-step", "5"), r"no flag --learning\.n-step"),
         (("--evaluate", "ale_pong", "--no-sync"), r"--no-sync is for a robot"),
+        (("--local", "--evaluate"), r"FILE is missing \(Network to evaluate,"),
+        (
+            ("--local", "--evaluate", "ale_pong", "--game", "breakout"),
+            r"4 actions: give --game pong",
+        ),
     ],
 )
 def test_flags_of_another_program_are_told(

@@ -230,10 +230,13 @@ def test_a_run_that_stopped_itself_tells_why(
     ended: RunFolder, capsys: pytest.CaptureFixture[str]
 ) -> None:
     log = ended.logs / "learner.jsonl"
-    with kept_log(log, "learner") as keep:
-        keep("stopped: the robot\nis blind", "ERROR")
+    with pytest.raises(InputError), kept_log(log, "learner"):
+        raise InputError("the robot\nis blind: heal it.")
     main(["first"])
-    assert capsys.readouterr().out.splitlines()[-2:] == ["stopped: the robot is blind", GO_ON]
+    assert capsys.readouterr().out.splitlines()[-2:] == [
+        "the robot is blind: heal it.",
+        GO_ON.replace("go on", "once that is mended, go on"),
+    ]
     with kept_log(log, "learner") as keep:
         keep("actor-1 joined")  # it was resumed, and ended in peace
     main(["first"])
@@ -274,9 +277,27 @@ def test_a_run_of_this_machine_is_asked_while_somebody_works_at_it(
     assert asked == ["first"]
 
 
-def test_what_is_no_run_of_this_machine_is_told_how_others_are_asked() -> None:
-    with pytest.raises(InputError, match=r"^r is no run of this machine: .* with --connect\.$"):
+def test_what_is_no_run_is_told() -> None:
+    with pytest.raises(InputError, match=r"^r is not a run: name one, such as first, or its fol"):
         main(["r", "--json"])
+    with pytest.raises(InputError, match=r"^--run s names a run beside r: omit one of them\.$"):
+        main(["r", "--run", "s"])
+
+
+def test_a_run_elsewhere_may_be_named_as_one_of_this_machine_is(
+    ended: RunFolder, client: Transport, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = []
+
+    def find_run(_: Transport, name: str, *__: object) -> tuple[RunKeys, None]:
+        asked.append(name)
+        return KEYS, None
+
+    monkeypatch.setattr("learner.status.connect", lambda *_, **__: nullcontext(client))
+    monkeypatch.setattr("learner.status.find_run", find_run)
+    StatusSink(client, KEYS).write(snapshot({}))
+    assert main(["first", "--connect", "tcp/h:1"]) == DONE
+    assert asked == ["first"]
 
 
 def test_what_liars_count_hides_nothing(client: Transport) -> None:

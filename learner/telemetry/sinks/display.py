@@ -220,11 +220,8 @@ def _changed_checks(last: Snapshot | None, snapshot: Snapshot) -> list[str]:
     before = {check.name for check in last.failed} if last is not None else set()
     lines = []
     for check in snapshot.checks:
-        value = formats.written("significant", check.value)
         if check.passed is False and check.name not in before:
-            lines.append(
-                f"HEALTH CHECK RED: {check.name} is {value}, not {check.bound}: {check.why}"
-            )
+            lines.append(f"HEALTH CHECK RED: {check.name} is {formats.verdict(check)}: {check.why}")
         if check.passed and check.name in before:
-            lines.append(f"health check green again: {check.name} is {value}")
+            lines.append(f"health check green again: {check.name} is {formats.reading(check)}")
     return lines

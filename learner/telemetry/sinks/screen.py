@@ -319,7 +319,7 @@ def _checks(snapshot: Snapshot, rows: int) -> Group:
         grid.add_row(
             Text(mark, style),
             _text(check.name, style if check.passed is False else ""),
-            _text(formats.written("significant", check.value), style),
+            _text(formats.reading(check), style),
             _text(check.bound, _LABEL),
         )
     return Group(_title(f"Health checks, {snapshot.verdict}"), grid)

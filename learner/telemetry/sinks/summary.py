@@ -4,7 +4,6 @@ Strict JSON: a figure that is unknown, infinite or not a number is null.
 """
 
 import dataclasses
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -12,7 +11,7 @@ from typing import Any
 from common.atomic_file import write_atomically
 from common.metrics import METRICS
 from common.run.config import RunConfig
-from common.strict_json import strict
+from common.strict_json import dumps
 from learner.telemetry.sinks.sink import Sink
 from learner.telemetry.snapshot import ActorView, Snapshot
 
@@ -41,7 +40,7 @@ class SummarySink(Sink):
             "config": dataclasses.asdict(self.config),
             **self.provenance,
         }
-        text = json.dumps(strict(summary), indent=2, ensure_ascii=False, allow_nan=False)
+        text = dumps(summary)
         write_atomically(self.path, (text + "\n").encode())
 
 

@@ -50,8 +50,7 @@ def figures(snapshot: Snapshot) -> dict[str, Any]:
         },
         "verdict": snapshot.verdict,
         "checks": [
-            check._asdict() | {"value": formats.written("significant", check.value)}
-            for check in snapshot.checks
+            check._asdict() | {"value": formats.reading(check)} for check in snapshot.checks
         ],
         "alive": [values["stream/actors_alive"], values["stream/actors_present"]],
         "troubles": formats.troubles(values).lstrip(", "),
@@ -60,7 +59,7 @@ def figures(snapshot: Snapshot) -> dict[str, Any]:
     }
 
 
-def _progress(progress: formats.Progress, values: Values) -> dict[str, Any]:
+def _progress(progress: formats.ProgressBar, values: Values) -> dict[str, Any]:
     done, total = (number(values, key) for key in (progress.done, progress.total))
     told = formats.figure(progress.done, values)
     told += (

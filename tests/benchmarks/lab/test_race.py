@@ -262,7 +262,7 @@ def test_a_whole_race_in_one_process(monkeypatch: pytest.MonkeyPatch, tmp_path: 
     ) -> Iterator[dict[str, Any]]:
         yield from games(
             config,
-            GamesOptions(network, "", 800, epsilon, given.game_count),
+            GamesOptions(network, "", 800, epsilon, given.games),
             stop,
         )
 
@@ -272,9 +272,7 @@ def test_a_whole_race_in_one_process(monkeypatch: pytest.MonkeyPatch, tmp_path: 
         given = EvaluationOptions(bool(flags), games, epsilon=epsilon)
         config = parsed("--env", "catch", *shlex.split(QUICK)).config
         nobody = Console(file=io.StringIO())
-        return offline.evaluate(
-            network, given, config, config, ClockConfig(), threading.Event(), nobody
-        )
+        return offline.evaluate(network, given, config, ClockConfig(), threading.Event(), nobody)
 
     monkeypatch.setattr(race, "train", train)
     monkeypatch.setattr(offline, "play", play)

@@ -20,7 +20,7 @@ from common.run.config import RunConfig
 from common.run.epochs import EpochTable
 from common.run.folder import JOURNAL, Part, RunFolder
 from common.run.presets import PRESETS
-from learner.demonstrations import Begun
+from learner.demonstrations import DemonstrationsRecord
 from replay.journal import read_journal
 from tests.paths import ROOT
 from tests.patience import PATIENCE
@@ -251,7 +251,7 @@ HOLDER = """
 import sys
 from pathlib import Path
 from common.run.presets import PRESETS
-from learner.demonstrations import Begun
+from learner.demonstrations import DemonstrationsRecord
 from replay.journal import read_journal
 from common.run.folder import RunFolder
 
@@ -372,7 +372,7 @@ def test_pipes_in_place_of_a_runs_files_are_not_waited_for(tmp_path: Path) -> No
     with pytest.raises(InputError, match=why):
         EpochTable(folder.epochs).rows()
     with pytest.raises(InputError, match=why):
-        Begun.of(folder)
+        DemonstrationsRecord.of(folder)
     with pytest.raises(InputError, match=why):
         read_journal(folder.replay / JOURNAL)
     folder.config_file.unlink()

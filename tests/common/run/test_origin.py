@@ -10,7 +10,7 @@ from common.errors import InputError
 from common.network import build_network
 from common.protocol.weights import encode_weights
 from common.run.config import RunConfig
-from common.run.origin import SHIPPED, find_run, find_weights, origin_of
+from common.run.origin import SHIPPED, find_weights, origin_of, run_meant_by
 from common.run.presets import PRESETS
 from common.run.stored_config import to_json
 
@@ -86,11 +86,11 @@ def test_a_run_goes_by_its_name_unless_a_file_or_a_policy_has_it(
         (folder / "checkpoint.safetensors").touch()
     newest = Path("runs/first/checkpoint.safetensors")
     assert find_weights("first") == newest
-    run = find_run(Path("first"))
+    run = run_meant_by(Path("first"))
     assert run is not None
     assert run.name == "first"
     assert find_weights("ale_pong") == SHIPPED / "ale_pong.safetensors"
-    assert find_run(Path("ale_pong")) is None
+    assert run_meant_by(Path("ale_pong")) is None
     assert find_weights("runs/ale_pong") == Path("runs/ale_pong/checkpoint.safetensors")
     Path("first").mkdir()  # no run
     assert find_weights("first") == newest
@@ -100,5 +100,5 @@ def test_a_run_goes_by_its_name_unless_a_file_or_a_policy_has_it(
     assert find_weights("first") == published
     Path("first").touch()
     assert find_weights("first") == Path("first")
-    assert find_run(Path("first")) is None
+    assert run_meant_by(Path("first")) is None
     assert find_weights("runs/first") == newest

@@ -44,6 +44,7 @@ def program(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setattr(sys, "executable", str(file))
     # It plays without a network.
     monkeypatch.setattr("learner.evaluation.offline.load_weights_file", lambda *_: None)
+    monkeypatch.setattr("learner.evaluation.offline.origin_of", lambda _: None)
     return file
 
 
@@ -152,7 +153,7 @@ def test_a_stop_ends_every_process(
     result: list[Any] = []
     games = threading.Thread(
         target=lambda: result.append(
-            evaluate(program, options, CONFIG, None, ClockConfig(), stop, console)
+            evaluate(program, options, CONFIG, ClockConfig(), stop, console)
         ),
         daemon=True,
     )
@@ -184,7 +185,9 @@ def evaluated(
 ) -> Any:
     """What an evaluation returns, and what it shows."""
     console = Console(file=io.StringIO(), width=120, record=True)
-    found = evaluate(network, options, config, trained, ClockConfig(), threading.Event(), console)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(offline, "origin_of", lambda _: trained)
+        found = evaluate(network, options, config, ClockConfig(), threading.Event(), console)
     return found, console.export_text()
 
 
@@ -308,10 +311,3 @@ def test_what_a_headline_would_override_is_refused(program: Path) -> None:
 def test_options_out_of_bounds_are_refused(options: EvaluationOptions, words: str) -> None:
     with pytest.raises(InputError, match=words):
         options.check()
-
-
-def test_a_network_of_another_shape_is_refused_before_anything_is_played() -> None:
-    trained = PRESETS["robot"]
-    config = replace(trained, game="breakout")
-    with pytest.raises(InputError, match="here it would have 4 actions: give --game pong"):
-        evaluated(Path("p.safetensors"), EvaluationOptions(), config, trained)

@@ -4,7 +4,12 @@ import math
 
 import pytest
 
+from common.protocol.run_status import HealthCheck
 from learner.telemetry import formats
+
+
+def check(value: float | None, bound: str) -> HealthCheck:
+    return HealthCheck("press", value, bound, passed=False, why="slow")
 
 
 @pytest.mark.parametrize(
@@ -16,6 +21,10 @@ from learner.telemetry import formats
         (formats.decimal(float("nan"), 2), "nan"),
         (formats.significant(0.000829), "0.0008290"),
         (formats.significant(12.4), "12.40"),
+        (formats.verdict(check(90.0, "≤ 66")), "90.00, not ≤ 66"),
+        (formats.verdict(check(1_234.0, "= 0")), "1,234, not 0"),
+        (formats.verdict(check(math.nan, "= 0")), "nan, not 0"),
+        (formats.reading(check(None, "= 0")), "–"),
         (formats.significant(-0.5), "−0.5000"),
         (formats.significant(123_456.7), "123,457"),
         (formats.significant(2_345_678.0), "2.3e+06"),
