@@ -20,6 +20,7 @@ import tyro
 
 from ale_robot.commands import POLICY_COMMANDS
 from ale_robot.model_card import model_card
+from ale_robot.policies import Policies
 from common.atomic_file import write_atomically, write_json
 from common.checked import NAME
 from common.errors import InputError
@@ -28,7 +29,6 @@ from common.process.exit_codes import UNREACHABLE
 from common.process.extras import check_extra, extra_for
 from common.regular_file import read_file
 from common.run.origin import find_weights
-from viewer.policies import Policies
 
 MAX_WEIGHTS = 64 * 2**20
 MAX_CARD = 2**20

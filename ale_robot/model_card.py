@@ -4,12 +4,12 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ale_robot.environments import env_id
+from ale_robot.policies import Grid, evaluation_rows
 from common.minus import minus_signed
 from common.press_latency import ms_of
 from common.process.extras import extra_for
 from common.registry import ENVIRONMENTS
 from common.run.config import RunConfig
-from viewer.policies import Grid, evaluation_rows
 
 _TEXT = """
 # {name}: {game} by {how}

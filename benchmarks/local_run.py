@@ -21,7 +21,7 @@ from benchmarks.child import cpu_seconds, stat_of
 from benchmarks.hosted_run import NEVER, HostedRun
 from benchmarks.report import BenchmarkOptions
 from common.checked import FromOne
-from common.process.command_line import parse_run
+from common.process.run_options import parse_run
 from common.protocol.actor_stats import ActorStats
 from common.run.clock import ClockConfig
 from common.transport.interface import Envelope

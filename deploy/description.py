@@ -13,7 +13,7 @@ from annotated_types import Ge, Gt, Le
 
 from common.checked import Count, FromOne
 from common.errors import InputError
-from common.process.command_line import parse_run
+from common.process.run_options import parse_run
 from common.run.clock import ClockConfig
 from common.run.folder import JOURNAL, RunFolder
 from common.run.presets import PRESETS

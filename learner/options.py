@@ -17,10 +17,11 @@ from common.checked import Amount, Count, Patience
 from common.errors import InputError
 from common.metrics import Value
 from common.native.kernel import KernelChoice, PrecisionChoice
-from common.process.command_line import RunOptions, started_by, without_flags
+from common.process.command_line import started_by, without_flags
 from common.process.extras import check_extra
 from common.process.http_endpoints import check_address
 from common.process.log_lines import LOADING
+from common.process.run_options import RunOptions
 from common.registry import ALGORITHMS, SAMPLERS
 from common.run.clock import ClockConfig
 from common.run.config import MAX_ENVS, RunConfig

@@ -40,7 +40,7 @@ from learner.telemetry.formats import (
     verdict,
 )
 from learner.telemetry.health_checks import reasons
-from replay.chunk_statistics import Progress
+from replay.chunk_statistics import ReplayProgress
 from replay.messages import ProgressRequest
 
 _LEAST_PATIENCE, _MAX_PATIENCE = 2.0, 3_600.0
@@ -72,7 +72,7 @@ class Report:
 
     run: str
     endpoint: str
-    replay: Progress
+    replay: ReplayProgress
     learner: RunStatus | None
 
     @property
@@ -206,7 +206,7 @@ def ask(
         return Report(
             keys.run,
             endpoint,
-            Progress.decode(replays[0].payload),
+            ReplayProgress.decode(replays[0].payload),
             RunStatus.decode(learners[0].payload) if learners else None,
         )
     except MessageError as error:

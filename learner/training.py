@@ -35,7 +35,7 @@ from learner.telemetry.actor_registry import ActorRegistry
 from learner.telemetry.held_out import HeldOut
 from learner.telemetry.snapshot import Phase
 from learner.telemetry.telemetry import Telemetry
-from replay.chunk_statistics import Progress
+from replay.chunk_statistics import ReplayProgress
 from replay.interface import Replay
 
 _TICK = 0.1
@@ -77,7 +77,7 @@ class Learner:
         self._prioritised = SAMPLERS.find(self.config.replay.sampler).prioritised
         self._children: Supervisor | None = None
         self._batches: Prefetcher
-        self._replay_progress: Progress
+        self._replay_progress: ReplayProgress
         self._look_schedule = Every(LOOK_SECONDS, self.clock.now)
         self._measure_schedule = Every(_MEASURE_SECONDS, self.clock.now)
 
@@ -255,7 +255,7 @@ class Learner:
             self._count_chunks()
         return self._all_played
 
-    def _ask_replay(self) -> Progress:
+    def _ask_replay(self) -> ReplayProgress:
         """Returns what is new in the replay, which is told the run's goal. Raises InputError if
         nothing can be drawn there any more, or if it has lost steps that are counted."""
         told = self.replay.progress(self.phases.chunks_seen, goal=self.steps_goal or MAX_COUNT)

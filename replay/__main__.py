@@ -31,13 +31,14 @@ import tyro
 
 from common.errors import InputError
 from common.process.allocator import keep_large_blocks
-from common.process.command_line import RunOptions, parse_run, started_by, without_flags
+from common.process.command_line import started_by, without_flags
 from common.process.http_endpoints import http_endpoints
 from common.process.http_page import Page, verdict
 from common.process.lifeline import on_signals
 from common.process.log_lines import kept_log, say, say_json
 from common.process.program_end import exit_on_input_error
 from common.process.restarts import with_restarts
+from common.process.run_options import RunOptions, parse_run
 from common.process.service_manager import tell
 from common.process.threads import end_with_any_thread
 from common.protocol.run_keys import RunKeys
@@ -47,7 +48,7 @@ from common.transport.chosen import connect, open_hub
 from common.transport.endpoint import DEFAULT_ENDPOINT
 from common.transport.flood_guard import tolerated
 from common.transport.interface import Transport
-from replay.chunk_statistics import Progress
+from replay.chunk_statistics import ReplayProgress
 from replay.replay_buffer import ReplayBuffer
 from replay.server import ReplayServer
 
@@ -171,7 +172,7 @@ def _pages(buffer: ReplayBuffer, run: str) -> dict[str, Callable[[], Page]]:
     return {"/healthz": works, "/readyz": works, "/metrics": figures}
 
 
-def _line(progress: Progress) -> str:
+def _line(progress: ReplayProgress) -> str:
     return (
         f"{progress.agent_steps:,} steps, {progress.stored:,} stored, "
         f"{progress.samplable:,} can be drawn; chunks: {progress.accepted:,} accepted, "

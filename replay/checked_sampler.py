@@ -30,7 +30,7 @@ class CheckedSampler:
         """See `common.registry.SamplerKind`. Raises InputError if there is no such sampler, if its
         factory fails, or if it overrides what it must not."""
         self.failed = ""
-        """See `replay.chunk_statistics.Progress.failed`."""
+        """See `replay.chunk_statistics.ReplayProgress.failed`."""
         self._who = f"the sampler {config.sampler!r}"
         self._sampler: UniformSampler = SAMPLERS.make(
             config.sampler, config.capacity, ids, leaves, config

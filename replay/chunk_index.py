@@ -174,7 +174,7 @@ class ChunkIndex:
         self.stored -= self.chunks.pop(key).steps
 
     def statistics_since(self, index: int) -> tuple[ChunkStatistics, ...]:
-        """Returns the oldest kept statistics from ``index`` on, as many as one `Progress` holds."""
+        """Returns the oldest kept statistics from ``index`` on, as many as one answer holds."""
         # Indices are missing if a journal was damaged.
         begin = bisect_left(self.statistics, index, key=lambda each: each.index)
         portion = list(islice(self.statistics, begin, begin + MAX_STATISTICS))

@@ -16,9 +16,9 @@ from common.protocol.message import Message
 from common.version import VERSION
 
 MAX_STATISTICS = 4_096
-"""Maximum number of statistics in one `Progress`."""
+"""Maximum number of statistics in one `ReplayProgress`."""
 MAX_GAMES = 16_384
-"""Maximum number of games in all statistics of one `Progress`. It keeps the message below the
+"""Maximum number of games in all statistics of one `ReplayProgress`. It keeps the message below the
 number of values that `common.protocol.wire` accepts."""
 
 
@@ -54,7 +54,7 @@ class ChunkStatistics(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Progress(Message):
+class ReplayProgress(Message):
     """The state of the replay at one moment."""
 
     agent_steps: Count

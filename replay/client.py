@@ -18,7 +18,7 @@ from common.protocol.run_keys import RunKeys
 from common.run.config import RunConfig
 from common.transport.interface import Envelope, Requester, Transport, Unanswered
 from replay.batch import Batch, SharedBatch
-from replay.chunk_statistics import Progress
+from replay.chunk_statistics import ReplayProgress
 from replay.messages import (
     HeldOutRequest,
     HeldOutStates,
@@ -123,13 +123,13 @@ class RemoteReplay:
         held = _decoded(HeldOutStates, self._insist(self._held_out, request))
         return held.frames, held.vectors
 
-    def progress(self, since: int = MAX_COUNT, *, goal: int | None = None) -> Progress:
+    def progress(self, since: int = MAX_COUNT, *, goal: int | None = None) -> ReplayProgress:
         """See `Replay.progress`; works after `close` too, unless the server is away. Raises
         InputError if `close` was called while the server was away, or if it now serves another
         run."""
         requester = self._last if self._closed.is_set() else self._progress
         request = ProgressRequest(since, goal).encode()
-        found = _decoded(Progress, self._insist(requester, request))
+        found = _decoded(ReplayProgress, self._insist(requester, request))
         if found.run_id != self.run_id:
             raise InputError(
                 "the replay serves another run under this name now: give it back the run's folder "

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from common.checked import MAX_COUNT
 from replay.batch import Batch
-from replay.chunk_statistics import Progress
+from replay.chunk_statistics import ReplayProgress
 
 
 class Replay(Protocol):
@@ -43,7 +43,7 @@ class Replay(Protocol):
             newest: number of the ring's newest frames from which to choose; None for all.
         """
 
-    def progress(self, since: int = MAX_COUNT, *, goal: int | None = None) -> Progress:
+    def progress(self, since: int = MAX_COUNT, *, goal: int | None = None) -> ReplayProgress:
         """Returns the replay's counters, and the statistics of chunks from index ``since`` on, by
         default none.
 

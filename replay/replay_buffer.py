@@ -24,7 +24,7 @@ from common.protocol.chunk import Chunk
 from common.run.config import RunConfig
 from common.run.stored_config import to_json
 from replay.batch import Batch, SharedBatch
-from replay.chunk_statistics import Progress
+from replay.chunk_statistics import ReplayProgress
 from replay.limiter import RateLimiter
 from replay.store import Store
 from replay.turns import Turns
@@ -218,7 +218,7 @@ class ReplayBuffer:
         assert found is not None
         return found
 
-    def progress(self, since: int = MAX_COUNT, *, goal: int | None = None) -> Progress:
+    def progress(self, since: int = MAX_COUNT, *, goal: int | None = None) -> ReplayProgress:
         resident, private = footprint()
         file_bytes = self._store.columns.file_bytes  # without the lock, as the disk may be slow
         with self._state:
@@ -226,7 +226,7 @@ class ReplayBuffer:
                 self._goal = goal
                 self.released()
             index = self._store.index
-            return Progress(
+            return ReplayProgress(
                 agent_steps=index.agent_steps,
                 stored=index.stored,
                 samplable=len(self._store.sampler),

@@ -21,7 +21,7 @@ ARROWS = {
     "viewer": {"common", "actors"},
     "deploy": {"common", "learner"},
     "ale_robot": {"common", "deploy", "learner", "actors", "viewer"},
-    "benchmarks": {"common", "replay", "learner", "actors", "viewer", "deploy"},
+    "benchmarks": {"common", "replay", "learner", "actors", "viewer", "deploy", "ale_robot"},
     "docs": {"common"},
 }
 """By package, the others that it may import."""

@@ -3,7 +3,7 @@
 from actors import actor
 from common.network import LAYERS
 from common.process import lifeline, supervisor
-from common.process.command_line import parse_run
+from common.process.run_options import parse_run
 from learner.options import LearnerOptions
 from tests.patience import PATIENCE
 from tests.tiny_network import TINY

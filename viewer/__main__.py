@@ -30,12 +30,11 @@ from viewer.check import Check
 from viewer.draws import Draws
 from viewer.film import Film
 from viewer.human import Human
-from viewer.policies import Policies
 from viewer.record import Record
 from viewer.show import Play
 from viewer.watch import Watch
 
-EVERY: Any = Watch | Play | Film | Record | Human | Check | Draws | Policies
+EVERY: Any = Watch | Play | Film | Record | Human | Check | Draws
 COMMANDS: dict[str, Any] = {kind.__name__.lower(): kind for kind in get_args(EVERY)}
 
 
@@ -51,7 +50,7 @@ class _ToldStop(threading.Event):
 def main() -> int:
     name, *arguments = sys.argv[1:] or ["--help"]
     kind = COMMANDS.get(name)
-    had_weights = kind not in (Human, Check, Draws, Policies)  # where no network was ever named
+    had_weights = kind not in (Human, Check, Draws)  # where no network was ever named
     if had_weights and any(argument.partition("=")[0] == "--weights" for argument in arguments):
         raise InputError("--weights is gone: name the network alone, as in `watch robot_pong`.")
     command: Any
@@ -65,7 +64,7 @@ def main() -> int:
     # A line would be in the picture that a terminal shows.
     stop = threading.Event() if isinstance(command, Watch | Human) else _ToldStop()
     on_signals(stop)
-    if not isinstance(command, Human | Draws | Policies):  # where no network plays
+    if not isinstance(command, Human | Draws):  # where no network plays
         # Not before the command is known: help and a wrong flag come at once.
         if sys.stdout.isatty():
             say(LOADING)

@@ -18,6 +18,7 @@ from typing import Annotated, Any, Literal
 
 from annotated_types import Ge, Le, MinLen
 
+from ale_robot.policies import Grid
 from benchmarks.lab.policy import PlayingOptions, evaluate
 from benchmarks.report import Report, Table, main, measure_missing, resumed, scored
 from common.atomic_file import write_json
@@ -28,7 +29,6 @@ from common.registry import ROBOTS
 from common.run.conditions import MAX_ADDED
 from common.run.config import RunConfig
 from common.run.stored_config import flat
-from viewer.policies import Grid
 
 Optics = Literal["nominal", "grain", "pose", "light", "late"]
 OPTICS: dict[Optics, dict[str, str]] = {

@@ -12,7 +12,7 @@ from typing import TypeVar
 import tyro
 
 from common.errors import InputError
-from common.process.command_line import ALL_RANGES, parse
+from common.process.command_line import parse
 from common.process.config_file import with_file
 from common.process.first_flags import read_first
 from common.process.own_flags import going_on_from, own_help
@@ -23,7 +23,7 @@ from common.run.fit import check_fit
 from common.run.origin import origin_of
 from common.run.own_settings import defaults_of
 from common.run.presets import PRESETS
-from common.run.ranges import all_ranges
+from common.run.ranges import ALL_RANGES, all_ranges
 from common.run.rules import check_play, check_robot
 from common.run.stored_config import differences, flat
 

@@ -24,7 +24,7 @@ from learner.telemetry.recent_latency import RecentLatency
 from learner.telemetry.running_means import RunningMeans
 from learner.telemetry.sinks.sink import Sink
 from learner.telemetry.snapshot import ActorView, Histogram, Snapshot
-from replay.chunk_statistics import Progress
+from replay.chunk_statistics import ReplayProgress
 
 _RATE_WINDOW = 15.0
 """Seconds over which recent rates are measured."""
@@ -122,7 +122,7 @@ class Telemetry(AbstractContextManager["Telemetry"]):
         for sink in self.sinks:
             sink.line(text)
 
-    def report(self, values: Values, replay: Progress) -> Sequence[HealthCheck]:
+    def report(self, values: Values, replay: ReplayProgress) -> Sequence[HealthCheck]:
         """Gives the figures to every sink that is due; returns the health checks.
 
         Args:
@@ -138,7 +138,7 @@ class Telemetry(AbstractContextManager["Telemetry"]):
                     raise
         return snapshot.checks
 
-    def close(self, values: Values, replay: Progress) -> None:
+    def close(self, values: Values, replay: ReplayProgress) -> None:
         """Writes the last figures and closes all sinks, even if one fails."""
         snapshot = None
         try:
@@ -159,7 +159,7 @@ class Telemetry(AbstractContextManager["Telemetry"]):
             end.callback(self.feed.close)  # first, so that no sink waits for an actor's picture
             self._started = []
 
-    def _snapshot(self, loop: Values, replay: Progress) -> Snapshot:
+    def _snapshot(self, loop: Values, replay: ReplayProgress) -> Snapshot:
         for text in self.registry.take_notes():
             self.note(text)
         config = self.config

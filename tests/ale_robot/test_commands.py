@@ -228,7 +228,7 @@ def test_a_card_without_an_evaluation_or_with_one_of_a_former_version_is_listed(
     (tmp_path / "stopped.json").write_text(json.dumps(card))
     card["evaluation"] = {"epsilon": 0.05, "mean": 12.5}
     (tmp_path / "former.json").write_text(json.dumps(card))
-    monkeypatch.setattr("viewer.policies.SHIPPED", tmp_path)
+    monkeypatch.setattr("ale_robot.policies.SHIPPED", tmp_path)
     assert not run(monkeypatch, "policies")
     said = capsys.readouterr().out
     assert re.search(r"former +pong +ale +frames +12\.50", said)

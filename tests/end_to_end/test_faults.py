@@ -20,7 +20,7 @@ from benchmarks.child import free_endpoint
 from common.atomic_file import write_atomically
 from common.run.join import find_run
 from common.transport.chosen import connect
-from replay.chunk_statistics import Progress
+from replay.chunk_statistics import ReplayProgress
 from replay.client import RemoteReplay
 from tests.end_to_end.conftest import SMALL, Program, Stage
 from tests.http_get import get
@@ -50,7 +50,7 @@ def test_three_actors_of_which_one_is_killed(stage: Stage) -> None:
     assert chunks["acked"] >= sum(a["acked"] for a in summary["actors"])
 
 
-def _progress(stage: Stage) -> Progress:
+def _progress(stage: Stage) -> ReplayProgress:
     transport = connect(stage.endpoint, PATIENCE)
     remote = RemoteReplay(transport, *find_run(transport, "r", PATIENCE))
     too_late = threading.Timer(PATIENCE, remote.close)  # by itself it asks for ever

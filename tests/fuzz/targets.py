@@ -38,7 +38,7 @@ from learner.evaluation.service import serve_evaluators
 from learner.evaluation.snapshots import Snapshots
 from learner.telemetry.actor_registry import ActorRegistry
 from replay.batch import SharedBatch
-from replay.chunk_statistics import Progress
+from replay.chunk_statistics import ReplayProgress
 from replay.messages import (
     HeldOutRequest,
     HeldOutStates,
@@ -249,7 +249,7 @@ class Targets:
             ),
             "batch": Target((drawn.encode(),), lambda payload: SharedBatch.decode(payload).whole()),
             "held_out_states": Target((held_out,), HeldOutStates.decode),
-            "progress_told": Target((self.replay.progress(0).encode(),), Progress.decode),
+            "progress_told": Target((self.replay.progress(0).encode(),), ReplayProgress.decode),
             "job": Target((EvaluationJob("test", 1, 9, 0.1, b"w").encode(),), EvaluationJob.decode),
             "live_view": Target((view.encode(),), LiveView.decode),
             "run_status": Target((status.encode(),), RunStatus.decode),

@@ -8,7 +8,7 @@ import torch
 
 from common.errors import InputError
 from common.network import QNetwork, build_network
-from common.process.command_line import parse_run
+from common.process.run_options import parse_run
 from common.protocol.weights import encode_weights
 from common.run.config import RunConfig
 from learner.first_network import read_network

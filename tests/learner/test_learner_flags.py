@@ -13,10 +13,11 @@ from safetensors.numpy import save
 
 from actors.options import ActorOptions
 from common.errors import InputError
-from common.process.command_line import parse, parse_run
+from common.process.command_line import parse
 from common.process.exit_codes import NO_ROOM
 from common.process.log_lines import LOADING
 from common.process.played import parse_played
+from common.process.run_options import parse_run
 from common.protocol.weights import encode_weights
 from common.run.clock import ClockConfig
 from common.run.config import RunConfig

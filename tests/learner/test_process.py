@@ -11,7 +11,7 @@ import torch
 
 from common.atomic_file import write_atomically
 from common.errors import InputError
-from common.process.command_line import parse_run
+from common.process.run_options import parse_run
 from common.protocol.weights import encode_weights
 from common.run.folder import RunFolder
 from learner import process

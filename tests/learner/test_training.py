@@ -36,7 +36,7 @@ from learner.phases import Phases
 from learner.run_clock import RunClock
 from learner.telemetry.snapshot import ActorView
 from learner.training import Learner
-from replay.chunk_statistics import ChunkStatistics, Progress
+from replay.chunk_statistics import ChunkStatistics, ReplayProgress
 
 CONFIG = replace(
     PRESETS["fast"],
@@ -170,7 +170,7 @@ class World:
     def close(self) -> None:
         self.log.append("minibatches end")
 
-    def replay_progress(self, since: int, *, goal: int | None = None) -> Progress:
+    def replay_progress(self, since: int, *, goal: int | None = None) -> ReplayProgress:
         self.goals.add(goal)
         known = self.agent_steps - self.lost
         # One that is counted already is told again: each counts once all the same.
@@ -178,7 +178,7 @@ class World:
         told = tuple(self.chunks[begin : begin + self.portion])
         samplable = known if self.samplable is None else self.samplable
         throttle = self.updates >= self.last_update
-        return Progress(
+        return ReplayProgress(
             *(known, known, samplable, len(self.chunks), 0, 0, throttle, 0, 0, 0, told),
             failed=self.failed,
         )
@@ -221,11 +221,11 @@ class World:
 
     # ---------------------------------------------------------------- the learner
 
-    def report(self, values: Values, replay: Progress) -> tuple[HealthCheck, ...]:
+    def report(self, values: Values, replay: ReplayProgress) -> tuple[HealthCheck, ...]:
         self.told.append(values)
         return self.checks
 
-    def summarise(self, values: Values, replay: Progress) -> None:
+    def summarise(self, values: Values, replay: ReplayProgress) -> None:
         self.summed_steps = replay.agent_steps
         self.log.append(("summary", self.phases.updates))
 

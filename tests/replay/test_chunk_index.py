@@ -9,7 +9,7 @@ from common.checked import build
 from common.protocol.chunk import Game
 from common.run.config import MAX_WINDOW
 from replay.chunk_index import ChunkIndex, ChunkKey, Received, chunk_entry, tail_entry
-from replay.chunk_statistics import MAX_STATISTICS, ChunkStatistics, Progress
+from replay.chunk_statistics import MAX_STATISTICS, ChunkStatistics, ReplayProgress
 from replay.ring import Placement
 
 
@@ -192,8 +192,8 @@ def test_a_learner_can_be_told_of_whatever_actors_say_they_played() -> None:
     for index, each in enumerate(expected):
         chunks.accept(ChunkKey("a", 1, 0, index), Placement(4 * index, 0, 4, 0, -1), each)
     while portion := chunks.statistics_since(len(seen)):
-        told = Progress(0, 0, 0, 60, 0, 0, False, 0, 0, 0, portion)
-        seen += Progress.decode(told.encode()).statistics
+        told = ReplayProgress(0, 0, 0, 60, 0, 0, False, 0, 0, 0, portion)
+        seen += ReplayProgress.decode(told.encode()).statistics
     assert seen == expected
 
 

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from benchmarks.child import free_endpoint
-from common.process.command_line import parse_run
+from common.process.run_options import parse_run
 from common.run.join import find_run
 from common.run.presets import PRESETS
 from common.transport.chosen import connect
@@ -23,7 +23,7 @@ from learner.options import LearnerOptions
 from replay import __main__ as replay_main
 from replay.__main__ import ReplayOptions
 from replay.__main__ import _line as replay_line
-from replay.chunk_statistics import Progress
+from replay.chunk_statistics import ReplayProgress
 from replay.client import RemoteReplay
 from tests.patience import PATIENCE, wait_until
 from tests.replay.replay_reference import GOES_ON, RUN, TERMINATES, Actor
@@ -126,7 +126,7 @@ def test_nothing_acknowledged_is_lost_by_kill_9(tmp_path: Path, started: list[Pr
 
 
 def test_sizes_are_told_in_decimal_units() -> None:
-    told = Progress(*(0,) * 6, False, 2_000_000_000, 30_000_000, 4_500_000_000, ())
+    told = ReplayProgress(*(0,) * 6, False, 2_000_000_000, 30_000_000, 4_500_000_000, ())
     words = "; 30 MB private, 2,000 MB resident, 4.50 GB of file."
     assert replay_line(told).endswith(words)
 

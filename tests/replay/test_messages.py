@@ -15,7 +15,7 @@ from common.protocol.message import Message
 from common.protocol.step_fields import drawn_fields, zero_steps
 from common.protocol.wire import MAX_MESSAGE_BYTES, pack, unpack
 from replay.batch import SharedBatch
-from replay.chunk_statistics import ChunkStatistics, Progress
+from replay.chunk_statistics import ChunkStatistics, ReplayProgress
 from replay.messages import (
     HeldOutRequest,
     HeldOutStates,
@@ -144,16 +144,16 @@ STATISTICS = st.builds(
 def test_progress_comes_through_whole(
     statistics: tuple[ChunkStatistics, ...], throttle: bool, number: int
 ) -> None:
-    progress = Progress(number, 1, 2, 3, 4, 5, throttle, 6, 7, number, statistics)
-    assert Progress.decode(progress.encode()) == progress
+    progress = ReplayProgress(number, 1, 2, 3, 4, 5, throttle, 6, 7, number, statistics)
+    assert ReplayProgress.decode(progress.encode()) == progress
 
 
 @pytest.mark.parametrize("bad", [None, [], [1], [[1, 2, 3]], [[0, 1, 1, "a", 1, 0, 0, 0, 0, []]]])
 def test_statistics_of_other_kinds_are_refused(bad: Any) -> None:
-    message = unpack(Progress(0, 1, 2, 3, 4, 5, False, 6, 7, 8, ()).encode())
+    message = unpack(ReplayProgress(0, 1, 2, 3, 4, 5, False, 6, 7, 8, ()).encode())
     del message["schema"]
     with pytest.raises(MessageError):
-        Progress.decode(pack({**message, "facts": bad} if bad != [] else {"facts": bad}))
+        ReplayProgress.decode(pack({**message, "facts": bad} if bad != [] else {"facts": bad}))
 
 
 def test_requests_come_through_whole() -> None:
@@ -184,7 +184,7 @@ def test_held_out_states_come_through_whole() -> None:
 
 KINDS: list[type[Message]] = [
     SharedBatch,
-    Progress,
+    ReplayProgress,
     SampleRequest,
     Priorities,
     HeldOutRequest,

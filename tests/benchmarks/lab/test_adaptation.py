@@ -11,7 +11,7 @@ import pytest
 from benchmarks.lab import adaptation
 from benchmarks.report import run
 from common.errors import InputError
-from common.process.command_line import parse_run
+from common.process.run_options import parse_run
 from common.run.config import RunConfig
 from common.run.epochs import EpochTable
 from common.run.folder import RunFolder

@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks.lab import policy
 from common.errors import InputError
-from common.process.command_line import parse_run
+from common.process.run_options import parse_run
 from common.run.folder import RunFolder
 from learner.options import LearnerOptions, stored_config
 

@@ -22,7 +22,7 @@ from benchmarks.peer_dqn import Point
 from benchmarks.report import run
 from common.checked import MAX_NAME
 from common.errors import InputError
-from common.process.command_line import parse_run
+from common.process.run_options import parse_run
 from common.registry import ENVIRONMENTS
 from common.run.clock import ClockConfig
 from common.run.config import RunConfig

@@ -13,7 +13,7 @@ from benchmarks.lab.ladder import FLAGS, Rung
 from benchmarks.lab.policy import evaluate
 from benchmarks.report import run
 from common.errors import InputError
-from common.process.command_line import parse_run
+from common.process.run_options import parse_run
 from common.run.config import RunConfig
 from common.run.presets import PRESETS
 from learner.options import LearnerOptions

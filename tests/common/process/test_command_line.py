@@ -10,8 +10,9 @@ from annotated_types import Ge, Lt
 
 from common.checked import Patience
 from common.errors import InputError
-from common.process.command_line import RunOptions, WeightsFile, parse, parse_run, preset_of
+from common.process.command_line import WeightsFile, parse
 from common.process.exit_codes import EXIT_CODES
+from common.process.run_options import RunOptions, parse_run, preset_of
 from common.run.conditions import PlayConfig
 from common.run.config import RunConfig
 from common.run.origin import SHIPPED, name_of

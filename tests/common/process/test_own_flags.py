@@ -8,8 +8,8 @@ from typing import Annotated
 import pytest
 from annotated_types import Gt, Le
 
-from common.process.command_line import RunOptions, parse_run
 from common.process.own_flags import going_on_from
+from common.process.run_options import RunOptions, parse_run
 from common.registry import ALGORITHMS, AlgorithmKind
 from common.run.config import RunConfig
 from common.run.presets import PRESETS

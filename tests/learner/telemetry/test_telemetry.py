@@ -29,7 +29,7 @@ from learner.telemetry.sinks.summary import SummarySink
 from learner.telemetry.sinks.tensorboard import TensorBoardSink
 from learner.telemetry.snapshot import ActorView, Histogram, Snapshot
 from learner.telemetry.telemetry import Telemetry
-from replay.chunk_statistics import ChunkStatistics, Progress
+from replay.chunk_statistics import ChunkStatistics, ReplayProgress
 from tests.epoch_rows import epoch_row
 from tests.learner.conftest import KEYS
 from tests.learner.telemetry.sinks.test_display import drawn
@@ -87,7 +87,7 @@ class Run:
         self.now = 1_000.0
         self.actors: tuple[ActorView, ...] = ()
         self.phases = Phases(CONFIG, RunClock(lambda: self.now))
-        self.replay = Progress(0, 0, 0, 0, 0, 0, False, 0, 0, 0, ())
+        self.replay = ReplayProgress(0, 0, 0, 0, 0, 0, False, 0, 0, 0, ())
         self.last = Last()
         self.table = EpochTable(folder / "epochs.csv")
         known: Any = registry or SimpleNamespace(
