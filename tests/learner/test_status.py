@@ -259,8 +259,13 @@ def test_a_run_in_another_folder_goes_on_from_there(ended: RunFolder, tmp_path: 
     assert there.go_on == f"ale-robot train --runs {tmp_path}/elsewhere --run first --resume"
 
 
-def test_a_run_of_this_machine_is_asked_while_somebody_works_at_it(
-    ended: RunFolder, client: Transport, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(("works", "more"), [(True, []), (False, ["--connect", "tcp/h:1"])])
+def test_a_run_that_is_at_work_here_or_elsewhere_is_asked_by_its_name(
+    ended: RunFolder,
+    client: Transport,
+    monkeypatch: pytest.MonkeyPatch,
+    works: bool,
+    more: list[str],
 ) -> None:
     asked = []
 
@@ -270,10 +275,11 @@ def test_a_run_of_this_machine_is_asked_while_somebody_works_at_it(
 
     monkeypatch.setattr("learner.status.connect", lambda *_, **__: nullcontext(client))
     monkeypatch.setattr("learner.status.find_run", find_run)
-    ended.config_file.unlink()
-    ended.claim("replay", make_config(), resume=False)
+    if works:
+        ended.config_file.unlink()
+        ended.claim("replay", make_config(), resume=False)
     StatusSink(client, KEYS).write(snapshot({}))
-    assert main(["first"]) == DONE
+    assert main(["first", *more]) == DONE
     assert asked == ["first"]
 
 
@@ -282,22 +288,6 @@ def test_what_is_no_run_is_told() -> None:
         main(["r", "--json"])
     with pytest.raises(InputError, match=r"^--run s names a run beside r: omit one of them\.$"):
         main(["r", "--run", "s"])
-
-
-def test_a_run_elsewhere_may_be_named_as_one_of_this_machine_is(
-    ended: RunFolder, client: Transport, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    asked = []
-
-    def find_run(_: Transport, name: str, *__: object) -> tuple[RunKeys, None]:
-        asked.append(name)
-        return KEYS, None
-
-    monkeypatch.setattr("learner.status.connect", lambda *_, **__: nullcontext(client))
-    monkeypatch.setattr("learner.status.find_run", find_run)
-    StatusSink(client, KEYS).write(snapshot({}))
-    assert main(["first", "--connect", "tcp/h:1"]) == DONE
-    assert asked == ["first"]
 
 
 def test_what_liars_count_hides_nothing(client: Transport) -> None:
