@@ -18,10 +18,12 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from ale_robot.policy import TrainedPolicy, evaluate, load_policy
+    from common.errors import InputError
     from common.run.conditions import CameraConfig, PlayConfig
 
 __all__ = [
     "CameraConfig",
+    "InputError",
     "PlayConfig",
     "TrainedPolicy",
     "__version__",
@@ -47,13 +49,15 @@ if _by_module or Path(sys.argv[0]).name == "ale-robot":  # the imports below pre
 from ale_robot.environments import env_id  # noqa: E402
 from common.version import VERSION as __version__  # noqa: E402
 
+_SETTINGS = "common.run.conditions"
+
 
 def __getattr__(name: str) -> Any:
     """Loads on first use the names that take long to import."""
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    where = "common.run.conditions" if name.endswith("Config") else "ale_robot.policy"
-    return getattr(import_module(where), name)
+    where = {"InputError": "common.errors", "CameraConfig": _SETTINGS, "PlayConfig": _SETTINGS}
+    return getattr(import_module(where.get(name, "ale_robot.policy")), name)
 
 
 def __dir__() -> list[str]:

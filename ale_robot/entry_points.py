@@ -10,6 +10,7 @@ import gymnasium
 from actors.envs.ale import AtariEnv
 from actors.envs.robot import RobotEnv
 from actors.vision.layout import ASPECT
+from ale_robot.arguments import check_settings
 from common.errors import InputError
 from common.run.clock import ClockConfig
 from common.run.config import RunConfig
@@ -45,8 +46,8 @@ class EntryPoint:
         known = {name: value for name, value in settings.items() if name in vars(usual)}
         kinds = {**{name: type(vars(usual)[name]) for name in known}, "clock": ClockConfig}
         for name, kind in kinds.items():
-            if name in settings and not isinstance(settings[name], kind):
-                raise InputError(f"{name} is {settings[name]!r}: give a {kind.__name__}.")
+            if name in settings:
+                check_settings(kind, settings[name], name)
         config = replace(usual, **known)
         if config.play.frame_stack == 1:  # a run's network needs two, but a wrapper may stack them
             config = replace(config, play=replace(config.play, frame_stack=2))

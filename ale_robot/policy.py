@@ -14,9 +14,9 @@ from actors.envs import make_env
 from actors.envs.game_env import GameEnv
 from actors.envs.observation import NO_VECTOR, Observation
 from actors.policy import Policy
-from common.checked import Fraction, Invalid, build
+from ale_robot.arguments import check_argument, check_settings
+from common.checked import Count, Fraction, FromOne
 from common.errors import InputError
-from common.process.command_line import check_bounds
 from common.process.played import settings_of
 from common.protocol.step_fields import FRAME_SHAPE
 from common.run.clock import ClockConfig
@@ -42,8 +42,8 @@ class TrainedPolicy:
     """
 
     def __init__(self, weights: str | Path, *, epsilon: float = 0.0, seed: int = 1) -> None:
-        _check(Fraction, epsilon, "epsilon")
-        _check(Seed, seed, "seed")
+        check_argument(Fraction, epsilon, "epsilon")
+        check_argument(Seed, seed, "seed")
         self.weights = find_weights(weights)
         self.config = settings_of(self.weights)
         self._policy = Policy.of_file(self.config, self.weights, epsilon, seed)
@@ -112,7 +112,7 @@ load_policy = TrainedPolicy
 
 
 def evaluate(
-    weights: str | Path,
+    weights: str | Path | TrainedPolicy,
     *,
     games: int = GAMES,
     epsilon: float = EPSILON,
@@ -126,6 +126,7 @@ def evaluate(
     """Plays whole games in several processes, as ``ale-robot evaluate`` does.
 
     Args:
+        weights: a policy, its file, or the name of a shipped one.
         processes: number of games played at the same time; 0 for as many as there are cores.
         env: environment instead of that of its training, such as "robot" or "ale".
         game: game instead of that of its training.
@@ -140,12 +141,14 @@ def evaluate(
             argument is out of bounds, the given settings cannot work, or the network does not fit
             them.
     """
-    file = find_weights(weights)
+    file = weights.weights if isinstance(weights, TrainedPolicy) else find_weights(weights)
     if (trained := origin_of(file)) is None:
         raise InputError(f"{file} has neither a card nor a run: keep it in its run's folder.")
+    check_argument(FromOne, games, "games")
+    check_argument(Fraction, epsilon, "epsilon")
+    check_argument(Seed, seed, "seed")
+    check_argument(Count, processes, "processes")
     options = EvaluationOptions(games=games, epsilon=epsilon, processes=processes)
-    check_bounds(options, named=str)
-    _check(Seed, seed, "seed")
     found = offline.evaluate(
         file,
         options,
@@ -163,17 +166,12 @@ def evaluate(
 
 def _changed(weights: Path, config: RunConfig, **given: Any) -> RunConfig:
     """Returns ``config`` with those settings that are given, not None."""
+    for name, kind in (("play", PlayConfig), ("camera", CameraConfig)):
+        if given[name] is not None:
+            check_settings(kind, given[name], name)
     changed = replace(config, **{name: each for name, each in given.items() if each is not None})
     if changed != config:
         check_play(changed)
         check_robot(config, changed)
         check_fit(weights, config, changed)
     return changed.pinned()
-
-
-def _check(kind: Any, value: object, name: str) -> None:
-    """Raises InputError for an argument that is not of its ``kind``."""
-    try:
-        build(kind, value, name)
-    except Invalid as error:
-        raise InputError(f"{error}.") from None

@@ -10,7 +10,8 @@ from typing import Any, Self
 from common.metrics import METRICS, Metric, Value
 from common.regular_file import read_file
 from common.run.folder import RUNS, RunFolder
-from learner.telemetry.formats import SCORES, fill, one_line, played
+from common.run.session import Session
+from learner.telemetry.formats import fill, one_line, played, scores
 
 
 @dataclass(frozen=True)
@@ -30,8 +31,11 @@ class EndedRun:
     @classmethod
     def of(cls, folder: RunFolder) -> Self:
         """Reads the files of a run. What is missing or damaged counts as empty."""
-        place = [] if folder.path.parent == RUNS else ["--runs", str(folder.path.parent)]
-        go_on = shlex.join(["ale-robot", "train", *place, "--run", folder.name, "--resume"])
+        if (session := Session.of(folder)) is not None:
+            go_on = session.go_on
+        else:  # of a former version, or a copy
+            place = [] if folder.path.parent == RUNS else ["--runs", str(folder.path.parent)]
+            go_on = shlex.join(["ale-robot", "train", *place, "--run", folder.name, "--resume"])
         summary, ended, last_words = {}, "", ""
         with suppress(OSError, ValueError, RecursionError):
             told = json.loads(read_file(folder.summary))
@@ -59,14 +63,15 @@ class EndedRun:
         if not self.summary:
             told = [f"run {self.name} ended before it had any figures"]
         else:
+            phase = "epoch {run/epoch}" if values["run/epoch"] else "the warm-up"
             told = [
                 fill(f"run {self.name}: {played(values)}, preset {{run/preset}}", values),
                 fill(
-                    f"ended on {self.ended} in epoch {{run/epoch}}, after {{run/agent_steps}} "
+                    f"ended on {self.ended} in {phase}, after {{run/agent_steps}} "
                     "steps in {run/seconds}",
                     values,
                 ),
-                fill(SCORES, values),
+                scores(values),
             ]
         told += [self.last_words] if self.last_words else []
         return [one_line(line) for line in told]

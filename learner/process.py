@@ -2,6 +2,7 @@
 
 import sys
 import threading
+from contextlib import suppress
 from functools import partial
 
 import torch
@@ -15,6 +16,7 @@ from common.process.log_lines import kept_log, say, say_aside
 from common.process.threads import end_with_any_thread
 from common.protocol.weights import encode_weights
 from common.run.folder import RunFolder
+from common.run.session import Session
 from common.transport.endpoint import from_here
 from common.transport.signature import signer
 from learner.algorithm.interface import build_algorithm
@@ -84,7 +86,9 @@ def train(options: LearnerOptions, again: bool) -> int:
             sign=sign,
             page=page,
         )
+        write_session = partial(_write_session, options, folder, from_here(endpoint), learner)
         with learner.telemetry:
+            write_session()
             if page is not None:
                 display.line(f"watch the run at {page}")
             sent = demonstrations is None or insert_all(
@@ -97,6 +101,8 @@ def train(options: LearnerOptions, again: bool) -> int:
                 display.line(_first_words(options, folder, device, disk, endpoint))
                 local = options.local and not stop.is_set()
                 learner.run(launch(options, from_here(endpoint), folder) if local else None)
+            with suppress(OSError):  # a disk that is full by now has what was learned
+                write_session()
             if learner.failed is not None:
                 keep(f"stopped: {learner.failed}", "ERROR")
     return _last_words(learner, folder)
@@ -116,6 +122,16 @@ def _write_beginning(
         write_atomically(folder.initial, encode_weights(network, options.config))
     if demonstrations is not None:
         write_atomically(folder.demonstrations, demonstrations.begun.encode())
+
+
+def _write_session(
+    options: LearnerOptions, folder: RunFolder, endpoint: str, learner: Learner
+) -> None:
+    """Writes where the run is found, and how it goes on."""
+    given = options.certificates
+    certificates = None if given is None else str(given.resolve())
+    go_on = resume_command(sys.argv[1:], folder.name, done=learner.done)
+    Session(endpoint, certificates, go_on, learner.evaluation.snapshots.keep).write(folder)
 
 
 def _first_words(

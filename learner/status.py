@@ -3,7 +3,7 @@
 import sys
 import textwrap
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -20,8 +20,9 @@ from common.process.exit_codes import DONE, FAILED, UNREACHABLE
 from common.process.program_end import exit_on_input_error
 from common.protocol.run_keys import RunKeys
 from common.protocol.run_status import RunStatus
-from common.run.folder import RunFolder
+from common.run.folder import MAX_LISTED, RunFolder
 from common.run.join import find_run
+from common.run.session import Session
 from common.strict_json import dumps
 from common.transport.chosen import connect
 from common.transport.endpoint import DEFAULT_ENDPOINT
@@ -29,7 +30,6 @@ from common.transport.interface import Transport
 from common.version import VERSION
 from learner.ended_run import EndedRun
 from learner.telemetry.formats import (
-    SCORES,
     UNKNOWN,
     decimal,
     ended,
@@ -37,6 +37,7 @@ from learner.telemetry.formats import (
     fill,
     one_line,
     played,
+    scores,
     verdict,
 )
 from learner.telemetry.health_checks import reasons
@@ -54,8 +55,9 @@ class StatusOptions:
     local: Annotated[Path | None, tyro.conf.Positional, tyro.conf.arg(metavar="[RUN]")] = None
     """Run, by its name or its folder on this machine. If nobody works at it here any more, the
     answer is how far it came."""
-    connect: str = DEFAULT_ENDPOINT
-    """Address of the run's hub: the learner, or a replay in its own process."""
+    connect: str | None = None
+    """Address of the run's hub: the learner, or a replay in its own process; by default that of
+    RUN, or else tcp/127.0.0.1:7447."""
     certificates: Path | None = None
     """Folder with a learner's certificates; needed if the address begins with tls/."""
     run: str | None = None
@@ -134,9 +136,9 @@ class Report:
                 "staleness {stream/staleness_p50}/{stream/staleness_p95} updates (p50/p95); "
                 "samples per insert {stream/samples_per_insert} of "
                 "{stream/samples_per_insert_goal}; {stream/steps_per_second} steps/s",
-                SCORES,
             ):
                 say(fill(line, values))
+            say(scores(values))
             if not _has_actor(learner):
                 say(
                     "warning: nobody plays: start an actor by "
@@ -228,25 +230,59 @@ def _show_ended(run: EndedRun, *, as_json: bool) -> int:
     return UNREACHABLE
 
 
+def _placed(options: StatusOptions, folder: RunFolder | None) -> StatusOptions:
+    """Returns the options with the name and the address of the run that they ask for, which is that
+    in ``folder``."""
+    session, name = None, options.run
+    if folder is not None:
+        session, name = Session.of(folder), folder.name
+    elif options.local is not None:
+        name = str(options.local)
+    found = replace(
+        options,
+        run=name,
+        connect=options.connect or (session.endpoint if session else DEFAULT_ENDPOINT),
+    )
+    if session is not None and session.certificates is not None and not options.certificates:
+        found = replace(found, certificates=Path(session.certificates))
+    return found
+
+
+def _asked(options: StatusOptions) -> Report:
+    """Asks the run at an address. Raises InputError if there is none, or several."""
+    assert options.connect is not None
+    patience, certificates = options.patience, options.certificates
+    with connect(options.connect, patience, role="learner", certificates=certificates) as transport:
+        keys, _ = find_run(transport, options.run, patience, lambda: False, certificates)
+        return ask(transport, keys, options.connect, patience)
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Prints the status of a run; returns the exit code, which says whether the run is healthy."""
     given = sys.argv[1:] if arguments is None else arguments
     options = parse(StatusOptions, "learner.status", given)
-    name = options.run
-    if options.local is not None and name is not None:
-        raise InputError(f"--run {name} names a run beside {options.local}: omit one of them.")
-    if options.local is not None and options.connect != DEFAULT_ENDPOINT:
-        name = str(options.local)
-    elif options.local is not None:
-        folder = RunFolder.existing(options.local)
-        if not folder.is_at_work():
-            return _show_ended(EndedRun.of(folder), as_json=options.json)
-        name = folder.name
-    with connect(
-        options.connect, options.patience, role="learner", certificates=options.certificates
-    ) as transport:
-        keys, _ = find_run(transport, name, options.patience, lambda: False, options.certificates)
-        report = ask(transport, keys, options.connect, options.patience)
+    if options.local is not None and options.run is not None:
+        told = f"--run {options.run} names a run beside {options.local}: omit one of them."
+        raise InputError(told)
+    # With an address the run may be anywhere.
+    here = options.local if options.connect is None else None
+    folder = None if here is None else RunFolder.existing(here)
+    if folder is not None and not folder.is_at_work():
+        return _show_ended(EndedRun.of(folder), as_json=options.json)
+    placed = _placed(options, folder)
+    try:
+        report = _asked(placed)
+    except Unreachable as error:
+        if folder is not None:
+            raise Unreachable(
+                f"somebody works at run {placed.run}, but nobody answers for it at "
+                f"{placed.connect}: it may be starting or ending, so ask again; or give its "
+                "address with --connect."
+            ) from None
+        known = ", ".join(run.name for run in RunFolder.all_here()[:MAX_LISTED])
+        if options.connect is None and known:
+            raise Unreachable(f"{error} Runs here: {known}; `status RUN` asks one.") from None
+        raise
     if options.json:
         print(report.as_json())
     else:

@@ -21,6 +21,7 @@ from common.process.progress import Progress
 from common.run.epochs import EpochRow, EpochTable
 from common.run.folder import RunFolder, kept_networks
 from common.run.origin import find_weights, run_meant_by, shown_weights
+from common.run.session import Session
 from viewer import overlay
 from viewer.movie import check_movie, open_movie
 from viewer.panels import Panels
@@ -53,7 +54,7 @@ class Film(Played):
     shown: Annotated[Path | None, tyro.conf.Positional, tyro.conf.arg(metavar="[FILE]")] = None
     """Run that is filmed epoch by epoch, or its folder; or a network, such as
     robot_pong or runs/NAME/snapshots/best.safetensors; by default the published one of --env and
-    --game."""
+    --game, or random actions if there is none."""
     epsilon: Fraction = 0.001
     """Share of random actions of the network's play."""
     seconds: Amount = 0.0
@@ -67,8 +68,9 @@ class Film(Played):
     """URDF of another NAO, with meshes, to show in the panels; the physics stay the same."""
 
     @property
-    def network(self) -> Path:
-        """The network to film; of a run, its newest, because all have the same settings."""
+    def network(self) -> Path | None:
+        """The network to film; of a run, its newest, because all have the same settings. None for
+        random actions."""
         if (run := self._run) is not None:
             newest = chapters_of(run)[-1].weights
             assert newest is not None
@@ -86,6 +88,8 @@ class Film(Played):
         """Films until the end, or until ``stop``. Raises InputError if the film cannot be
         written."""
         if (run := self._run) is None:
+            if self.network is None:
+                print("no published policy plays this: actions are random")
             self._play().run(stop)
         else:
             self._time_lapse(run, stop)
@@ -146,7 +150,10 @@ def chapters_of(folder: Path) -> list[Chapter]:
     """Returns what a run began with and its kept snapshots, the oldest first. Raises InputError if
     it is not a run's folder, or the run has kept none."""
     run = RunFolder.existing(folder)
-    networks = kept_networks(run.snapshots)
+    session = Session.of(run)
+    # Of a run that keeps none, those are there that wait for their tests.
+    keeps = session is None or session.keeps_snapshots
+    networks = kept_networks(run.snapshots) if keeps else {}
     if not networks:
         newest = f", or film one network: {run.checkpoint}" if run.checkpoint.is_file() else ""
         raise InputError(f"{folder} has kept no snapshots: train with --keep-snapshots{newest}.")

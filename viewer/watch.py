@@ -66,14 +66,14 @@ class Watch(Played):
 
     weights: Network = None
     """Network that plays, such as robot_pong or runs/NAME/snapshots/best.safetensors; by default
-    the published one of --env and --game."""
+    the published one of --env and --game, or random actions if there is none."""
     epsilon: Fraction = 0.001
     """Share of random actions."""
     games: Count = 0
     """Number of whole games; 0 plays until q."""
 
     @property
-    def network(self) -> Path:
+    def network(self) -> Path | None:
         return self.weights or shown_weights(self.env, self.game)
 
     def check(self) -> None:
@@ -85,11 +85,13 @@ class Watch(Played):
         no terminal, or it is too small, or the network cannot be used."""
         config = self.config()
         policy_seed, env_seed = seeds_of(config.seed)
-        policy = ShownPolicy.of_file(config, self.network, self.epsilon, policy_seed)
+        network = self.network
+        policy = ShownPolicy.of_file(config, network, self.epsilon, policy_seed)
+        name = "chance, as no network is published," if network is None else name_of(network)
         terminal = Terminal(LEAST_SIZE)
         keys, scores = HeldKeys(), list[float]()
         with shown_env(config) as env, terminal:
-            screen = WatchScreen(env, config, name_of(self.network), self.changes())
+            screen = WatchScreen(env, config, name, self.changes())
             answers = GraphicsAnswers()
             terminal.write(QUESTIONS)
             period, due = 1 / env.rate, time.monotonic()

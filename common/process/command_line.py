@@ -5,7 +5,7 @@ import dataclasses
 import inspect
 import io
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, TypeVar, get_type_hints
 
@@ -87,23 +87,18 @@ def parse(
     return parsed
 
 
-def flag_named(name: str) -> str:
-    """Returns the flag of a field."""
-    return f"--{name.replace('_', '-')}"
-
-
-def check_bounds(options: Any, named: Callable[[str], str] = flag_named) -> None:
-    """Checks each option against the bounds beside its field.
+def check_bounds(options: Any) -> None:
+    """Checks each flag against the bounds beside its field.
 
     Groups are skipped, because they check themselves, and so are texts, which may be long on a
-    command line. Raises InputError with what to choose, for the option as it is ``named``.
+    command line. Raises InputError with the flag and what to choose.
     """
     hints = get_type_hints(type(options), include_extras=True)
     for name in (field.name for field in dataclasses.fields(options)):
         value = getattr(options, name)
         if not (dataclasses.is_dataclass(value) or isinstance(value, str)):
             try:
-                build(hints[name], value, named(name))
+                build(hints[name], value, f"--{name.replace('_', '-')}")
             except Invalid as error:
                 raise InputError(f"{error}.") from None
 

@@ -40,6 +40,8 @@ CHECKPOINT = "checkpoint.safetensors"
 """Name of the file, in a run's folder, that has the learner's whole state."""
 JOURNAL = "journal.jsonl"
 """Name of the file, in a replay's folder, that records what was accepted and evicted."""
+MAX_LISTED = 12
+"""Number of runs that an error lists."""
 Part = Literal["learner", "replay"]
 _WHOLE = struct.pack("hhqqi4x", fcntl.F_WRLCK, os.SEEK_SET, 0, 0, 0)
 """`struct flock` of an exclusive lock on a whole file."""
@@ -68,6 +70,8 @@ class RunFolder:
         self.epochs = path / "epochs.csv"
         self.gates = path / "gates.csv"
         self.summary = path / "summary.json"
+        self.session = path / "session.json"
+        """What the newest learner says of itself (`common.run.session`)."""
         self.tensorboard = path / "tensorboard"
         self.replay = path / "replay"
         """The ring, if the replay runs on this machine."""
@@ -102,8 +106,17 @@ class RunFolder:
     def existing(cls, path: Path) -> Self:
         """Returns the run that `named` finds. Raises InputError if there is none."""
         if (run := cls.named(path)) is None:
-            raise InputError(f"{path} is not a run: name one, such as first, or its folder.")
+            names = [each.name for each in cls.all_here()]
+            there = f"{RUNS.resolve()} has {', '.join(names[:MAX_LISTED]) or 'none'}"
+            meant = choice(path.name, names, f"name one, or its folder; {there}.")
+            raise InputError(f"{path} is not a run: {meant}")
         return run
+
+    @classmethod
+    def all_here(cls) -> list[Self]:
+        """Returns the runs in `RUNS`, by name."""
+        found = (cls.at(file.parent) for file in sorted(RUNS.glob(f"*/{_CONFIG}")))
+        return [run for run in found if run is not None]
 
     def stored_config(self) -> RunConfig | None:
         """Returns the configuration with which the run was started; None for a new run. Raises
@@ -204,6 +217,7 @@ class RunFolder:
                 self.config_file,
                 self.initial,
                 self.demonstrations,
+                self.session,
                 self.logs,
                 self._lock("claim"),
                 *map(self._lock, self._locks),

@@ -67,7 +67,7 @@ def find_run(
     if name is not None:
         check_name("run", name)
     began = time.monotonic()
-    others: list[str] | None = None
+    others: list[str] = []
     while True:
         found, unfit = _announced(transport, RunKeys(name or "*").config)
         if len(found) > 1:
@@ -80,7 +80,7 @@ def find_run(
         over = time.monotonic() - began >= patience
         if unfit and (over or name is not None):
             raise unfit[min(unfit)]
-        if name is not None and others is None:
+        if name is not None and not others:
             others = sorted(_announced(transport, RunKeys("*").config)[0])
             if others:
                 _log.warning("the hub serves %s, and no run called %s", " and ".join(others), name)

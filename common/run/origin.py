@@ -8,7 +8,6 @@ from typing import Any
 from safetensors import SafetensorError, safe_open
 
 from common.errors import InputError, choice
-from common.games import GAMES
 from common.run.config import RunConfig
 from common.run.folder import RunFolder
 from common.run.stored_config import from_mapping, to_json
@@ -75,18 +74,12 @@ def name_of(weights: Path) -> str:
     return weights.stem if weights.parent == SHIPPED else str(weights)
 
 
-def shown_weights(env: str, game: str) -> Path:
+def shown_weights(env: str, game: str) -> Path | None:
     """Returns the network that plays the ``game`` in the environment ``env`` if no network is
-    named. Raises InputError if none is published."""
+    named; None if none is published."""
     name = f"{env}_{game}"
     file = SHIPPED / f"{SHOWN.get(name, name)}.safetensors"
-    if not file.is_file():
-        known = [each for each in GAMES if (SHIPPED / f"{env}_{each}.safetensors").is_file()]
-        told = "name a network; `ale-robot policies` lists the published ones."
-        raise InputError(
-            f"no published policy plays {game} in --env {env}: {choice(game, known, told)}"
-        )
-    return file
+    return file if file.is_file() else None
 
 
 _CONFIG = "config"

@@ -81,11 +81,14 @@ def played(values: Values) -> str:
     return fill("{run/game} ({run/env})" if game_of(values) else "{run/env}", values)
 
 
-SCORES = (
-    "score: training {play/train_reward}, test {play/test_reward}, best test "
-    "{play/best_test_reward}, random {play/random_reward}"
-)
-"""Template of a line of a run's scores."""
+def scores(values: Values) -> str:
+    """Returns a line of a run's scores."""
+    of = " (epoch {play/test_epoch})" if values.get("play/test_epoch") is not None else ""
+    return fill(
+        f"score: training {{play/train_reward}}, test {{play/test_reward}}{of}, best test "
+        "{play/best_test_reward}, random {play/random_reward}",
+        values,
+    )
 
 
 def hardware(values: Values) -> str:
@@ -190,11 +193,19 @@ class ProgressBar(NamedTuple):
     note: str
 
 
+def finishing_note(values: Values) -> str:
+    """Returns what a run that has its steps still waits for: the tests of its last epochs."""
+    if not values.get("evaluation/steps_left"):
+        return "finishing"
+    left = ", {run/seconds_left} left" if values.get("run/seconds_left") is not None else ""
+    return fill(f"finishing: {{evaluation/steps_left}} test steps{left}", values)
+
+
 def progress_of(values: Values) -> tuple[ProgressBar, ...]:
     """Returns the progress of phase, run and replay."""
     warm_up, finishing = (values["run/phase"] == phase for phase in ("warm-up", "finishing"))
     label = "Warm-up" if warm_up else f"Epoch {values['run/epoch']}"
-    left = "finishing" if finishing else fill("{run/seconds_left} left", values)
+    left = finishing_note(values) if finishing else fill("{run/seconds_left} left", values)
     ending = values.get("run/seconds_to_goal") is not None
     time = "{run/seconds}, {run/seconds_to_goal} left" if ending else "{run/seconds} so far"
     return (

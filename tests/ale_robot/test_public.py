@@ -121,7 +121,8 @@ def test_conditions_that_its_training_drew_are_no_change() -> None:
     policy = ale_robot.load_policy("robot_pong_worlds")
     assert policy.config.randomise == RandomiseConfig()
     short = replace(policy.config.play, max_game_frames=80)
-    found = ale_robot.evaluate("robot_pong_worlds", games=1, play=short)
+    found = ale_robot.evaluate(policy, games=1, play=short)
+    assert found["weights"] == "robot_pong_worlds"
     assert found["changed"] == ["play.max_game_frames 108000 → 80"]
 
 
@@ -150,12 +151,16 @@ def test_a_policy_plays_in_another_environment() -> None:
         ({"processes": -1}, r"^processes is -1: choose 0 or more\."),
         ({"seed": -1}, r"^seed is -1: choose 0 or more\."),
         ({"seed": 1.5}, r"^seed is 1\.5, which is not a whole number"),
+        ({"games": "2"}, r"^games is '2', which is not a whole number"),
+        ({"play": 3}, r"^play is 3: give a PlayConfig\."),
+        ({"camera": {"noise": 8}}, r"^camera is \{'noise': 8\}: give a CameraConfig\."),
+        ({"camera": PlayConfig()}, r"^camera is PlayConfig\(.*: give a CameraConfig\."),
     ],
 )
 def test_arguments_of_an_evaluation_out_of_bounds_are_told(
     given: dict[str, Any], told: str
 ) -> None:
-    with pytest.raises(InputError, match=told):
+    with pytest.raises(ale_robot.InputError, match=told):
         ale_robot.evaluate("ale_pong", **given)
 
 

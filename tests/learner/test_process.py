@@ -14,6 +14,7 @@ from common.errors import InputError
 from common.process.run_options import parse_run
 from common.protocol.weights import encode_weights
 from common.run.folder import RunFolder
+from common.run.session import Session
 from learner import process
 from learner.first_network import first_network
 from learner.options import LearnerOptions, stored_config
@@ -71,6 +72,7 @@ def test_a_learner_that_is_stopped_while_it_sends_demonstrations_publishes_no_we
     sent = None if stopped else Mock(encode=lambda: b"complete")
     recorded = Mock(insert=lambda *given: sent, begun=Mock(encode=lambda: b"begun"))
     learner, replay = MagicMock(failed=None, done=False), Mock(run_id="id")
+    learner.evaluation.snapshots.keep = stopped
     replay.progress.return_value.file_bytes = 0
     folder = RunFolder(tmp_path, "r")
 
@@ -89,11 +91,16 @@ def test_a_learner_that_is_stopped_while_it_sends_demonstrations_publishes_no_we
     assert process.train(options, again=False) == 0
     assert learner.start.called == learner.run.called != stopped
     assert learner.telemetry.__exit__.called
+    session = Session.of(folder)
+    assert session is not None
+    assert (session.endpoint, session.keeps_snapshots) == ("tcp/127.0.0.1:1", stopped)
+    assert session.go_on.endswith("--run r --resume")
     assert folder.demonstrations.read_bytes() == (b"begun" if stopped else b"complete")
 
 
-def test_the_reason_for_which_a_run_ends_itself_is_in_its_log(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("by_itself", [True, False])
+def test_the_reason_for_which_a_run_ends_is_in_its_log(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, by_itself: bool
 ) -> None:
     for unneeded in ("build_algorithm", "choose_device", "on_signals", "_first_words"):
         monkeypatch.setattr(process, unneeded, Mock())
@@ -105,12 +112,20 @@ def test_the_reason_for_which_a_run_ends_itself_is_in_its_log(
         monkeypatch.setattr(process, f"open_{name}", Mock(return_value=nullcontext(opened)))
     folder = RunFolder(tmp_path, "r")
     learner = MagicMock(failed="no agent step came in 10 minutes", done=False)
+    learner.evaluation.snapshots.keep = False
     learner.start = folder.checkpoint.touch
+    if not by_itself:
+        learner.run.side_effect = InputError("actor-1 ended.")
     monkeypatch.setattr(process, "build_learner", Mock(return_value=learner))
     flags = ["--runs", str(tmp_path), "--run", "r", "--env", "ale", "--threads=1"]
     options = parse_run(LearnerOptions, "learner", flags, stored_config)
-    assert process.train(options, again=False) == 3
+    if by_itself:
+        assert process.train(options, again=False) == 3
+    else:
+        with pytest.raises(InputError):
+            process.train(options, again=False)
     (kept,) = (folder.logs / "learner.jsonl").read_text().splitlines()
     told = json.loads(kept)
     assert told["level"] == "error"
-    assert told["message"] == "stopped: no agent step came in 10 minutes"
+    stopped = "stopped: no agent step came in 10 minutes"
+    assert told["message"] == (stopped if by_itself else "actor-1 ended.")

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
+from typing import Any, NoReturn
 
 import numpy as np
 import pytest
@@ -23,6 +24,8 @@ from common.protocol.actor_stats import ActorStats
 from common.protocol.run_keys import RunKeys
 from common.protocol.run_status import HealthCheck
 from common.run.folder import RunFolder
+from common.run.session import Session
+from common.transport.endpoint import DEFAULT_ENDPOINT
 from common.transport.interface import Envelope, Transport
 from learner.ended_run import EndedRun
 from learner.status import Report, ask, main
@@ -259,35 +262,92 @@ def test_a_run_in_another_folder_goes_on_from_there(ended: RunFolder, tmp_path: 
     assert there.go_on == f"ale-robot train --runs {tmp_path}/elsewhere --run first --resume"
 
 
-@pytest.mark.parametrize(("works", "more"), [(True, []), (False, ["--connect", "tcp/h:1"])])
-def test_a_run_that_is_at_work_here_or_elsewhere_is_asked_by_its_name(
+SESSION = Session("tcp/127.0.0.1:7555", "/keys", "make train", keeps_snapshots=False)
+
+
+@pytest.mark.parametrize(
+    ("session", "more", "place"),
+    [
+        (SESSION, [], (SESSION.endpoint, Path("/keys"))),
+        (SESSION, ["--certificates", "mine"], (SESSION.endpoint, Path("mine"))),
+        (replace(SESSION, certificates=None), [], (SESSION.endpoint, None)),
+        (None, [], (DEFAULT_ENDPOINT, None)),  # of a former version
+        (SESSION, ["--connect", "tcp/h:1"], ("tcp/h:1", None)),  # it may be anywhere
+    ],
+)
+def test_a_run_that_is_at_work_is_asked_by_its_name_at_its_address(
     ended: RunFolder,
     client: Transport,
     monkeypatch: pytest.MonkeyPatch,
-    works: bool,
+    session: Session | None,
     more: list[str],
+    place: tuple[str, Path | None],
 ) -> None:
-    asked = []
+    asked: list[object] = []
+
+    def connect(endpoint: str, *_: object, certificates: Path | None, **__: object) -> Any:
+        asked.append((endpoint, certificates))
+        return nullcontext(client)
 
     def find_run(_: Transport, name: str, *__: object) -> tuple[RunKeys, None]:
         asked.append(name)
         return KEYS, None
 
-    monkeypatch.setattr("learner.status.connect", lambda *_, **__: nullcontext(client))
+    monkeypatch.setattr("learner.status.connect", connect)
     monkeypatch.setattr("learner.status.find_run", find_run)
-    if works:
-        ended.config_file.unlink()
-        ended.claim("replay", make_config(), resume=False)
+    if session is not None:
+        session.write(ended)
+    ended.config_file.unlink()
+    ended.claim("replay", make_config(), resume=False)
     StatusSink(client, KEYS).write(snapshot({}))
     assert main(["first", *more]) == DONE
-    assert asked == ["first"]
+    assert asked == [place, "first"]
+
+
+def test_a_run_that_starts_is_not_told_to_be_missing(
+    ended: RunFolder, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def connect(*_: object, **__: object) -> NoReturn:
+        raise Unreachable("nobody answers: start a learner there.")
+
+    monkeypatch.setattr("learner.status.connect", connect)
+    with pytest.raises(
+        Unreachable, match=r"start a learner there\. Runs here: first; `status RUN`"
+    ):
+        main([])
+    with pytest.raises(Unreachable, match=r"^nobody answers: start a learner there\.$"):
+        main(["--connect", "tcp/h:1"])
+    ended.config_file.unlink()
+    ended.claim("replay", make_config(), resume=False)
+    words = r"^somebody works at run first, but nobody answers for it at tcp/127.0.0.1:7447: it may"
+    with pytest.raises(Unreachable, match=words):
+        main(["first"])
+
+
+def test_a_run_goes_on_by_the_command_of_its_newest_learner(
+    ended: RunFolder, capsys: pytest.CaptureFixture[str]
+) -> None:
+    SESSION.write(ended)
+    main(["first"])
+    assert capsys.readouterr().out.endswith("nobody works at run first: go on with `make train`\n")
+    ended.session.write_text('{"endpoint": 5}')  # damaged
+    main(["first"])
+    assert capsys.readouterr().out.endswith(f"{GO_ON}\n")
 
 
 def test_what_is_no_run_is_told() -> None:
-    with pytest.raises(InputError, match=r"^r is not a run: name one, such as first, or its fol"):
+    with pytest.raises(InputError, match=r"^r is not a run: name one, or its folder; .*runs has"):
         main(["r", "--json"])
     with pytest.raises(InputError, match=r"^--run s names a run beside r: omit one of them\.$"):
         main(["r", "--run", "s"])
+
+
+def test_a_run_that_ended_in_its_warm_up(
+    ended: RunFolder, capsys: pytest.CaptureFixture[str]
+) -> None:
+    ended.summary.write_text('{"env": "ale", "game": "pong", "epoch": 0, "agent_steps": 300}')
+    main(["first"])
+    assert " in the warm-up, after 300 steps in –\n" in capsys.readouterr().out
 
 
 def test_what_liars_count_hides_nothing(client: Transport) -> None:

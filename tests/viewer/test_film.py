@@ -20,8 +20,10 @@ from common.network import build_network
 from common.protocol.weights import encode_weights
 from common.registry import ENVIRONMENTS, ROBOTS
 from common.run.epochs import COLUMNS, EpochTable
+from common.run.folder import RunFolder
 from common.run.origin import find_weights
 from common.run.presets import PRESETS
+from common.run.session import Session
 from common.run.stored_config import to_json
 from tests.common.run.test_epochs import TRAIN as ROW
 from tests.extending.test_environment import CONFIG as LAMPS_CONFIG
@@ -258,8 +260,9 @@ def test_without_a_network_the_published_one_of_the_environment_is_filmed(
     assert filmed == [
         find_weights(name) for name in ("robot_pong_sticky", "ale_pong_sticky", "robot_breakout")
     ]
-    with pytest.raises(InputError, match="no published policy plays zaxxon in --env robot: name a"):
-        parsed(Film, "--game", "zaxxon")
+    filmed.clear()
+    parsed(Film, "--game", "zaxxon").run(threading.Event())  # at random
+    assert filmed == [None]
 
 
 def test_a_run_is_filmed_by_its_name(
@@ -277,6 +280,15 @@ def test_a_run_is_filmed_by_its_name(
             Path("r").write_bytes((run / "snapshots" / "best.safetensors").read_bytes())
         parsed(Film, "r").run(threading.Event())
     assert filmed == [Path("runs/r"), Path("runs/r"), Path("r")]
+
+
+def test_snapshots_that_wait_for_a_test_are_no_film_of_a_run(run: Path) -> None:
+    folder = RunFolder(run.parent, run.name)
+    Session("tcp/h:1", None, "ale-robot train --resume", keeps_snapshots=True).write(folder)
+    assert len(chapters_of(run)) == 3
+    Session("tcp/h:1", None, "ale-robot train --resume", keeps_snapshots=False).write(folder)
+    with pytest.raises(InputError, match=r"has kept no snapshots: train with --keep-snapshots"):
+        chapters_of(run)
 
 
 def test_what_cannot_be_filmed_is_told(run: Path, tmp_path: Path) -> None:

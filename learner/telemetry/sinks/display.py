@@ -197,7 +197,7 @@ def status_line(snapshot: Snapshot) -> str:
     done, total = (number(values, f"run/phase_{name}") or 0 for name in ("steps", "length"))
     where = f"{phase} {formats.share(done, total)}"
     if values["run/phase"] == "finishing":
-        where += ", finishing"
+        where += f", {formats.finishing_note(values)}"
     elif values.get("run/seconds_left") is not None:
         where += fill(", {run/seconds_left} left", values)
     metrics = formats.metrics_of(values["run/env"])

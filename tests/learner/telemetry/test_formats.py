@@ -21,6 +21,16 @@ def check(value: float | None, bound: str) -> HealthCheck:
         (formats.decimal(float("nan"), 2), "nan"),
         (formats.significant(0.000829), "0.0008290"),
         (formats.significant(12.4), "12.40"),
+        (formats.finishing_note({"evaluation/steps_left": 0}), "finishing"),
+        (
+            formats.finishing_note({"evaluation/steps_left": 12_000, "run/seconds_left": 20.0}),
+            "finishing: 12,000 test steps, 00:20 left",
+        ),
+        (formats.finishing_note({"evaluation/steps_left": 9}), "finishing: 9 test steps"),
+        (
+            formats.scores({"play/test_reward": -19.0, "play/test_epoch": 2}),
+            "score: training –, test −19.00 (epoch 2), best test –, random –",
+        ),
         (formats.verdict(check(90.0, "≤ 66")), "90.00, not ≤ 66"),
         (formats.verdict(check(1_234.0, "= 0")), "1,234, not 0"),
         (formats.verdict(check(math.nan, "= 0")), "nan, not 0"),
