@@ -3,6 +3,7 @@
 import sys
 import threading
 from contextlib import suppress
+from dataclasses import replace
 from functools import partial
 
 import torch
@@ -100,12 +101,23 @@ def train(options: LearnerOptions, again: bool) -> int:
                 disk = replay.progress().file_bytes
                 display.line(_first_words(options, folder, device, disk, endpoint))
                 local = options.local and not stop.is_set()
-                learner.run(launch(options, from_here(endpoint), folder) if local else None)
+                needed = needed_children(options, learner)
+                learner.run(launch(needed, from_here(endpoint), folder) if local else None)
             with suppress(OSError):  # a disk that is full by now has what was learned
                 write_session()
             if learner.failed is not None:
                 keep(f"stopped: {learner.failed}", "ERROR")
     return _last_words(learner, folder)
+
+
+def needed_children(options: LearnerOptions, learner: Learner) -> LearnerOptions:
+    """Returns the options with as many actors and evaluators as the run still needs: a resumed run
+    that has its steps needs no actors, and evaluators only for tests that are left."""
+    if not learner.done:
+        return options
+    return replace(
+        options, actors=0, evaluators=options.evaluators if learner.evaluation.pending else 0
+    )
 
 
 def _write_beginning(

@@ -103,9 +103,10 @@ class Learner:
                 end.callback(children.ask_to_leave)
                 end.callback(self.replay.drain)  # lets throttled actors hand in their last chunks
             if self.done:
+                tests = ", and tests are left" if self.evaluation.pending else ""
                 self.telemetry.say(
-                    f"The run has its {self.steps_goal:,} steps already: give more --steps, or "
-                    "omit the flag, to train on."
+                    f"The run has its {self.steps_goal:,} steps already{tests}: give more --steps, "
+                    "or omit the flag, to train on."
                 )
             self._batches = self.draw(self.phases.updates)
             end.callback(self._batches.close)

@@ -146,7 +146,7 @@ class RunFolder:
         if not resume and self._has_started(part):
             raise InputError(
                 f"{self.path} already holds a run: go on with it by --resume, "
-                "or name another with --run."
+                "name another with --run, or delete that folder."
             )
         # The settings of a start that failed, for lack of space or by a setting, may be changed.
         bound = resume or self.checkpoint.exists() or self.replay.exists() or self.is_at_work()

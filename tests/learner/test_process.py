@@ -13,6 +13,7 @@ from common.atomic_file import write_atomically
 from common.errors import InputError
 from common.process.run_options import parse_run
 from common.protocol.weights import encode_weights
+from common.run.config import RunConfig
 from common.run.folder import RunFolder
 from common.run.session import Session
 from learner import process
@@ -96,6 +97,17 @@ def test_a_learner_that_is_stopped_while_it_sends_demonstrations_publishes_no_we
     assert (session.endpoint, session.keeps_snapshots) == ("tcp/127.0.0.1:1", stopped)
     assert session.go_on.endswith("--run r --resume")
     assert folder.demonstrations.read_bytes() == (b"begun" if stopped else b"complete")
+
+
+@pytest.mark.parametrize(
+    ("done", "pending", "children"), [(False, 0, (2, 1)), (True, 3, (0, 1)), (True, 0, (0, 0))]
+)
+def test_a_run_that_has_its_steps_starts_nobody_whom_it_does_not_need(
+    done: bool, pending: int, children: tuple[int, int]
+) -> None:
+    learner: Any = Mock(done=done, evaluation=Mock(pending=pending))
+    needed = process.needed_children(LearnerOptions(RunConfig(), actors=2), learner)
+    assert (needed.actors, needed.evaluators) == children
 
 
 @pytest.mark.parametrize("by_itself", [True, False])
