@@ -16,10 +16,12 @@ import tyro
 from rich.console import Console
 from rich.table import Column, Table
 
+from actors.envs.checked import CheckedEnv
 from actors.envs.robot import RobotEnv
 from actors.loop import Step, play, seeds_of
 from actors.robots.latency import CHANGES, GOAL, Change, Latency, changes
 from actors.vision.layout import border_of
+from common.counted import counted
 from common.metrics import KEYS_AS_COMMANDED, PIXEL_DEVIATION, VALID_FRAMES, Bound
 from common.process.exit_codes import INTERRUPTED
 from common.process.played import Played
@@ -69,10 +71,11 @@ class Check(Played):
         ):
             policy_seed, env_seed = seeds_of(config.seed)
             policy = ShownPolicy.of_file(config, None, 1.0, policy_seed)
-            figures = []
+            figures, games = [], 0
             with Progress("checking", AGENT_STEPS) as progress:
                 for step in play([env], policy, [env_seed]):
                     figures.append(_figures(step, env))
+                    games += step.info.game_over
                     progress.update(len(figures), note=f"{len(figures)} steps")
                     if len(figures) == AGENT_STEPS or stop.is_set():
                         break
@@ -85,6 +88,11 @@ class Check(Played):
             judged = [(bound, found) for bound, found in judged if _can_tell(bound, config.play)]
             title = f"{config.played}, {len(figures)} random agent steps"
             console.print(_checks_table(judged, title))
+            if isinstance(env, CheckedEnv):
+                console.print(
+                    f"Actions, states and rewards are as a replay needs them; "
+                    f"{counted(games, 'game')} ended within these steps."
+                )
             if isinstance(env, RobotEnv) and (found := _changes(env, config.seed, stop)):
                 console.print(_latency_table(found))
                 if config.play.hand == "model" or not keys_can_follow(config.play):

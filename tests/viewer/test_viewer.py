@@ -511,6 +511,7 @@ def test_check_of_an_environment_from_outside(
     said = capsys.readouterr().out
     assert "lamps, 20 random agent steps" in said
     assert said.count("│ green │") == 1
+    assert "rewards are as a replay needs them; 2 games ended within these steps." in said
     assert size_of(path) == (384, 1024, 3)
 
 
