@@ -214,6 +214,7 @@ Film a game, or a run's progress: room, camera, hands and network.
 Evaluate a network over whole games, in several processes.
 
   ale-robot evaluate robot_pong
+  ale-robot evaluate RUN                           the newest network of a run
   ale-robot evaluate runs/NAME/snapshots/best.safetensors --headline --json FILE
   ale-robot evaluate robot_pong --camera.noise 8   under camera noise
 
