@@ -78,7 +78,7 @@ def _files(source: RunFolder) -> Iterator[Path]:
     yield from (path for path in first if path.exists())
     # `rglob` does not follow links, and the replay may be a link to another disk.
     for path in sorted({*source.path.rglob("*"), *source.replay.rglob("*")}):
-        skipped = path == source.session or path.suffix in (".tmp", ".kept", ".lock")
+        skipped = path == source.newest_learner or path.suffix in (".tmp", ".kept", ".lock")
         if path.is_file() and path not in first and not skipped:
             yield path
 

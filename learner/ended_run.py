@@ -10,7 +10,7 @@ from typing import Any, Self
 from common.metrics import METRICS, Metric, Value
 from common.regular_file import read_file
 from common.run.folder import RUNS, RunFolder
-from common.run.session import Session
+from common.run.newest_learner import NewestLearner
 from learner.telemetry.formats import fill, one_line, played, scores
 
 
@@ -31,8 +31,8 @@ class EndedRun:
     @classmethod
     def of(cls, folder: RunFolder) -> Self:
         """Reads the files of a run. What is missing or damaged counts as empty."""
-        if (session := Session.of(folder)) is not None:
-            go_on = session.go_on
+        if (newest := NewestLearner.of(folder)) is not None:
+            go_on = newest.go_on
         else:  # of a former version, or a copy
             place = [] if folder.path.parent == RUNS else ["--runs", str(folder.path.parent)]
             go_on = shlex.join(["ale-robot", "train", *place, "--run", folder.name, "--resume"])

@@ -17,7 +17,7 @@ from common.process.log_lines import kept_log, say, say_aside
 from common.process.threads import end_with_any_thread
 from common.protocol.weights import encode_weights
 from common.run.folder import RunFolder
-from common.run.session import Session
+from common.run.newest_learner import NewestLearner
 from common.transport.endpoint import from_here
 from common.transport.signature import signer
 from learner.algorithm.interface import build_algorithm
@@ -87,9 +87,9 @@ def train(options: LearnerOptions, again: bool) -> int:
             sign=sign,
             page=page,
         )
-        write_session = partial(_write_session, options, folder, from_here(endpoint), learner)
+        write_newest = partial(_write_newest, options, folder, from_here(endpoint), learner)
         with learner.telemetry:
-            write_session()
+            write_newest()
             if page is not None:
                 display.line(f"watch the run at {page}")
             sent = demonstrations is None or insert_all(
@@ -104,7 +104,7 @@ def train(options: LearnerOptions, again: bool) -> int:
                 needed = needed_children(options, learner)
                 learner.run(launch(needed, from_here(endpoint), folder) if local else None)
             with suppress(OSError):  # a disk that is full by now has what was learned
-                write_session()
+                write_newest()
             if learner.failed is not None:
                 keep(f"stopped: {learner.failed}", "ERROR")
     return _last_words(learner, folder)
@@ -136,14 +136,14 @@ def _write_beginning(
         write_atomically(folder.demonstrations, demonstrations.begun.encode())
 
 
-def _write_session(
+def _write_newest(
     options: LearnerOptions, folder: RunFolder, endpoint: str, learner: Learner
 ) -> None:
     """Writes where the run is found, and how it goes on."""
     given = options.certificates
     certificates = None if given is None else str(given.resolve())
     go_on = resume_command(sys.argv[1:], folder.name, done=learner.done)
-    Session(endpoint, certificates, go_on, learner.evaluation.snapshots.keep).write(folder)
+    NewestLearner(endpoint, certificates, go_on, learner.evaluation.snapshots.keep).write(folder)
 
 
 def _first_words(

@@ -22,7 +22,7 @@ from common.protocol.run_keys import RunKeys
 from common.protocol.run_status import RunStatus
 from common.run.folder import MAX_LISTED, RunFolder
 from common.run.join import find_run
-from common.run.session import Session
+from common.run.newest_learner import NewestLearner
 from common.strict_json import dumps
 from common.transport.chosen import connect
 from common.transport.endpoint import DEFAULT_ENDPOINT
@@ -233,18 +233,18 @@ def _show_ended(run: EndedRun, *, as_json: bool) -> int:
 def _placed(options: StatusOptions, folder: RunFolder | None) -> StatusOptions:
     """Returns the options with the name and the address of the run that they ask for, which is that
     in ``folder``."""
-    session, name = None, options.run
+    newest, name = None, options.run
     if folder is not None:
-        session, name = Session.of(folder), folder.name
+        newest, name = NewestLearner.of(folder), folder.name
     elif options.local is not None:
         name = str(options.local)
     found = replace(
         options,
         run=name,
-        connect=options.connect or (session.endpoint if session else DEFAULT_ENDPOINT),
+        connect=options.connect or (newest.endpoint if newest else DEFAULT_ENDPOINT),
     )
-    if session is not None and session.certificates is not None and not options.certificates:
-        found = replace(found, certificates=Path(session.certificates))
+    if newest is not None and newest.certificates is not None and not options.certificates:
+        found = replace(found, certificates=Path(newest.certificates))
     return found
 
 

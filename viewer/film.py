@@ -20,8 +20,8 @@ from common.process.played import Played
 from common.process.progress import Progress
 from common.run.epochs import EpochRow, EpochTable
 from common.run.folder import RunFolder, kept_networks
+from common.run.newest_learner import NewestLearner
 from common.run.origin import find_weights, run_meant_by, shown_weights
-from common.run.session import Session
 from viewer import overlay
 from viewer.movie import check_movie, open_movie
 from viewer.panels import Panels
@@ -150,9 +150,9 @@ def chapters_of(folder: Path) -> list[Chapter]:
     """Returns what a run began with and its kept snapshots, the oldest first. Raises InputError if
     it is not a run's folder, or the run has kept none."""
     run = RunFolder.existing(folder)
-    session = Session.of(run)
+    learner = NewestLearner.of(run)
     # Of a run that keeps none, those are there that wait for their tests.
-    keeps = session is None or session.keeps_snapshots
+    keeps = learner is None or learner.keeps_snapshots
     networks = kept_networks(run.snapshots) if keeps else {}
     if not networks:
         newest = f", or film one network: {run.checkpoint}" if run.checkpoint.is_file() else ""

@@ -70,8 +70,8 @@ class RunFolder:
         self.epochs = path / "epochs.csv"
         self.gates = path / "gates.csv"
         self.summary = path / "summary.json"
-        self.session = path / "session.json"
-        """What the newest learner says of itself (`common.run.session`)."""
+        self.newest_learner = path / "learner.json"
+        """What the newest learner says of itself (`common.run.newest_learner`)."""
         self.tensorboard = path / "tensorboard"
         self.replay = path / "replay"
         """The ring, if the replay runs on this machine."""
@@ -217,7 +217,7 @@ class RunFolder:
                 self.config_file,
                 self.initial,
                 self.demonstrations,
-                self.session,
+                self.newest_learner,
                 self.logs,
                 self._lock("claim"),
                 *map(self._lock, self._locks),

@@ -15,7 +15,7 @@ from common.process.run_options import parse_run
 from common.protocol.weights import encode_weights
 from common.run.config import RunConfig
 from common.run.folder import RunFolder
-from common.run.session import Session
+from common.run.newest_learner import NewestLearner
 from learner import process
 from learner.first_network import first_network
 from learner.options import LearnerOptions, stored_config
@@ -92,10 +92,10 @@ def test_a_learner_that_is_stopped_while_it_sends_demonstrations_publishes_no_we
     assert process.train(options, again=False) == 0
     assert learner.start.called == learner.run.called != stopped
     assert learner.telemetry.__exit__.called
-    session = Session.of(folder)
-    assert session is not None
-    assert (session.endpoint, session.keeps_snapshots) == ("tcp/127.0.0.1:1", stopped)
-    assert session.go_on.endswith("--run r --resume")
+    newest = NewestLearner.of(folder)
+    assert newest is not None
+    assert (newest.endpoint, newest.keeps_snapshots) == ("tcp/127.0.0.1:1", stopped)
+    assert newest.go_on.endswith("--run r --resume")
     assert folder.demonstrations.read_bytes() == (b"begun" if stopped else b"complete")
 
 

@@ -24,7 +24,7 @@ from common.protocol.actor_stats import ActorStats
 from common.protocol.run_keys import RunKeys
 from common.protocol.run_status import HealthCheck
 from common.run.folder import RunFolder
-from common.run.session import Session
+from common.run.newest_learner import NewestLearner
 from common.transport.endpoint import DEFAULT_ENDPOINT
 from common.transport.interface import Envelope, Transport
 from learner.ended_run import EndedRun
@@ -262,24 +262,24 @@ def test_a_run_in_another_folder_goes_on_from_there(ended: RunFolder, tmp_path: 
     assert there.go_on == f"ale-robot train --runs {tmp_path}/elsewhere --run first --resume"
 
 
-SESSION = Session("tcp/127.0.0.1:7555", "/keys", "make train", keeps_snapshots=False)
+NEWEST = NewestLearner("tcp/127.0.0.1:7555", "/keys", "make train", keeps_snapshots=False)
 
 
 @pytest.mark.parametrize(
-    ("session", "more", "place"),
+    ("newest", "more", "place"),
     [
-        (SESSION, [], (SESSION.endpoint, Path("/keys"))),
-        (SESSION, ["--certificates", "mine"], (SESSION.endpoint, Path("mine"))),
-        (replace(SESSION, certificates=None), [], (SESSION.endpoint, None)),
+        (NEWEST, [], (NEWEST.endpoint, Path("/keys"))),
+        (NEWEST, ["--certificates", "mine"], (NEWEST.endpoint, Path("mine"))),
+        (replace(NEWEST, certificates=None), [], (NEWEST.endpoint, None)),
         (None, [], (DEFAULT_ENDPOINT, None)),  # of a former version
-        (SESSION, ["--connect", "tcp/h:1"], ("tcp/h:1", None)),  # it may be anywhere
+        (NEWEST, ["--connect", "tcp/h:1"], ("tcp/h:1", None)),  # it may be anywhere
     ],
 )
 def test_a_run_that_is_at_work_is_asked_by_its_name_at_its_address(
     ended: RunFolder,
     client: Transport,
     monkeypatch: pytest.MonkeyPatch,
-    session: Session | None,
+    newest: NewestLearner | None,
     more: list[str],
     place: tuple[str, Path | None],
 ) -> None:
@@ -295,8 +295,8 @@ def test_a_run_that_is_at_work_is_asked_by_its_name_at_its_address(
 
     monkeypatch.setattr("learner.status.connect", connect)
     monkeypatch.setattr("learner.status.find_run", find_run)
-    if session is not None:
-        session.write(ended)
+    if newest is not None:
+        newest.write(ended)
     ended.config_file.unlink()
     ended.claim("replay", make_config(), resume=False)
     StatusSink(client, KEYS).write(snapshot({}))
@@ -327,10 +327,10 @@ def test_a_run_that_starts_is_not_told_to_be_missing(
 def test_a_run_goes_on_by_the_command_of_its_newest_learner(
     ended: RunFolder, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    SESSION.write(ended)
+    NEWEST.write(ended)
     main(["first"])
     assert capsys.readouterr().out.endswith("nobody works at run first: go on with `make train`\n")
-    ended.session.write_text('{"endpoint": 5}')  # damaged
+    ended.newest_learner.write_text('{"endpoint": 5}')  # damaged
     main(["first"])
     assert capsys.readouterr().out.endswith(f"{GO_ON}\n")
 

@@ -21,9 +21,9 @@ from common.protocol.weights import encode_weights
 from common.registry import ENVIRONMENTS, ROBOTS
 from common.run.epochs import COLUMNS, EpochTable
 from common.run.folder import RunFolder
+from common.run.newest_learner import NewestLearner
 from common.run.origin import find_weights
 from common.run.presets import PRESETS
-from common.run.session import Session
 from common.run.stored_config import to_json
 from tests.common.run.test_epochs import TRAIN as ROW
 from tests.extending.test_environment import CONFIG as LAMPS_CONFIG
@@ -284,9 +284,9 @@ def test_a_run_is_filmed_by_its_name(
 
 def test_snapshots_that_wait_for_a_test_are_no_film_of_a_run(run: Path) -> None:
     folder = RunFolder(run.parent, run.name)
-    Session("tcp/h:1", None, "ale-robot train --resume", keeps_snapshots=True).write(folder)
+    NewestLearner("tcp/h:1", None, "ale-robot train --resume", keeps_snapshots=True).write(folder)
     assert len(chapters_of(run)) == 3
-    Session("tcp/h:1", None, "ale-robot train --resume", keeps_snapshots=False).write(folder)
+    NewestLearner("tcp/h:1", None, "ale-robot train --resume", keeps_snapshots=False).write(folder)
     with pytest.raises(InputError, match=r"has kept no snapshots: train with --keep-snapshots"):
         chapters_of(run)
 

@@ -12,7 +12,7 @@ from common.run.folder import RunFolder
 
 
 @dataclass(frozen=True)
-class Session:
+class NewestLearner:
     """One learner's work at a run, from its start to its end."""
 
     endpoint: str
@@ -28,9 +28,9 @@ class Session:
     def of(cls, folder: RunFolder) -> Self | None:
         """Returns that of a run's newest learner; None if there is none that can be read."""
         with suppress(OSError, ValueError, RecursionError):
-            return build(cls, json.loads(read_file(folder.session)))
+            return build(cls, json.loads(read_file(folder.newest_learner)))
         return None
 
     def write(self, folder: RunFolder) -> None:
         """Writes it into the run's folder."""
-        write_json(folder.session, asdict(self))
+        write_json(folder.newest_learner, asdict(self))
