@@ -1,15 +1,20 @@
 """Checks of arguments in Python, whose errors name the argument."""
 
-from typing import Any
+from typing import Any, TypeVar
+
+import numpy as np
 
 from common.checked import Invalid, build
 from common.errors import InputError
 
+T = TypeVar("T")
 
-def check_argument(kind: Any, value: object, name: str) -> None:
-    """Raises InputError if ``value`` is not of its declared ``kind``, such as `Fraction`."""
+
+def check_argument(kind: type[T], value: Any, name: str) -> T:
+    """Returns ``value``, a number of NumPy's as one of Python's. Raises InputError if it is not of
+    its declared ``kind``, such as `Fraction`."""
     try:
-        build(kind, value, name)
+        return build(kind, value.item() if isinstance(value, np.generic) else value, name)
     except Invalid as error:
         raise InputError(f"{error}.") from None
 

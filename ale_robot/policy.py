@@ -41,10 +41,12 @@ class TrainedPolicy:
         InputError: there is no such network, it cannot be read, or an argument is out of bounds.
     """
 
-    def __init__(self, weights: str | Path, *, epsilon: float = 0.0, seed: int = 1) -> None:
-        check_argument(Fraction, epsilon, "epsilon")
-        check_argument(Seed, seed, "seed")
-        self.weights = find_weights(weights)
+    def __init__(
+        self, weights: "str | Path | TrainedPolicy", *, epsilon: float = 0.0, seed: int = 1
+    ) -> None:
+        epsilon = check_argument(Fraction, epsilon, "epsilon")
+        seed = check_argument(Seed, seed, "seed")
+        self.weights = _file_of(weights)
         self.config = settings_of(self.weights)
         self._policy = Policy.of_file(self.config, self.weights, epsilon, seed)
 
@@ -141,14 +143,15 @@ def evaluate(
             argument is out of bounds, the given settings cannot work, or the network does not fit
             them.
     """
-    file = weights.weights if isinstance(weights, TrainedPolicy) else find_weights(weights)
+    file = _file_of(weights)
     if (trained := origin_of(file)) is None:
         raise InputError(f"{file} has neither a card nor a run: keep it in its run's folder.")
-    check_argument(FromOne, games, "games")
-    check_argument(Fraction, epsilon, "epsilon")
-    check_argument(Seed, seed, "seed")
-    check_argument(Count, processes, "processes")
-    options = EvaluationOptions(games=games, epsilon=epsilon, processes=processes)
+    seed = check_argument(Seed, seed, "seed")
+    options = EvaluationOptions(
+        games=check_argument(FromOne, games, "games"),
+        epsilon=check_argument(Fraction, epsilon, "epsilon"),
+        processes=check_argument(Count, processes, "processes"),
+    )
     found = offline.evaluate(
         file,
         options,
@@ -162,6 +165,15 @@ def evaluate(
     )
     assert found is not None  # nobody stops it
     return found
+
+
+def _file_of(weights: object) -> Path:
+    """Returns the file of a policy's weights. Raises InputError if there is none."""
+    if isinstance(weights, TrainedPolicy):
+        return weights.weights
+    if not isinstance(weights, str | Path):
+        raise InputError(f"weights is {weights!r}: give a policy, its file, or its name.")
+    return find_weights(weights)
 
 
 def _changed(weights: Path, config: RunConfig, **given: Any) -> RunConfig:

@@ -50,7 +50,6 @@ def back_up(options: BackupOptions, stop: threading.Event) -> tuple[RunFolder, R
             ``stop`` was set; there is no copy then.
         OSError: a file cannot be read or written, as on a full disk; there is no copy then.
     """
-    # By the path that no link leads to.
     source = RunFolder.existing(RunFolder.existing(options.run).path.resolve())
     target = RunFolder(options.output.resolve().parent, options.output.resolve().name)
     if target.path.exists():

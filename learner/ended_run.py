@@ -7,11 +7,12 @@ from dataclasses import dataclass, field
 from datetime import datetime
 from typing import Any, Self
 
+from common.checked import MAX_COUNT
 from common.metrics import METRICS, Metric, Value
 from common.regular_file import read_file
 from common.run.folder import RUNS, RunFolder
 from common.run.newest_learner import NewestLearner
-from learner.telemetry.formats import fill, one_line, played, scores
+from learner.telemetry.formats import fill, played, scores
 
 
 @dataclass(frozen=True)
@@ -32,9 +33,10 @@ class EndedRun:
     def of(cls, folder: RunFolder) -> Self:
         """Reads the files of a run. What is missing or damaged counts as empty."""
         if (newest := NewestLearner.of(folder)) is not None:
-            go_on = newest.go_on
+            go_on = newest.command
         else:  # of a former version, or a copy
-            place = [] if folder.path.parent == RUNS else ["--runs", str(folder.path.parent)]
+            here = folder.path.resolve().parent == RUNS.resolve()
+            place = [] if here else ["--runs", str(folder.path.parent)]
             go_on = shlex.join(["ale-robot", "train", *place, "--run", folder.name, "--resume"])
         summary, ended, last_words = {}, "", ""
         with suppress(OSError, ValueError, RecursionError):
@@ -54,7 +56,7 @@ class EndedRun:
         return f"nobody works at run {self.name}: {mended}go on with `{self.go_on}`"
 
     def lines(self) -> list[str]:
-        """Returns the report for a person, without control characters of the files."""
+        """Returns the report for a person."""
         values = {
             metric.key: _found(self.summary, metric)
             for metric in METRICS.values()
@@ -74,7 +76,7 @@ class EndedRun:
                 scores(values),
             ]
         told += [self.last_words] if self.last_words else []
-        return [one_line(line) for line in told]
+        return told
 
 
 def _found(summary: dict[str, Any], metric: Metric) -> Value:
@@ -82,5 +84,7 @@ def _found(summary: dict[str, Any], metric: Metric) -> Value:
     found: Any = summary
     for name in metric.summary.split("."):
         found = found.get(name) if isinstance(found, dict) else None
-    kind = str if metric.form == "text" else int | float
-    return found if isinstance(found, kind) and not isinstance(found, bool) else None
+    if metric.form == "text":
+        return found if isinstance(found, str) else None
+    is_number = isinstance(found, int | float) and not isinstance(found, bool)
+    return found if is_number and abs(found) <= MAX_COUNT else None  # nor NaN

@@ -1,5 +1,6 @@
 """The process that trains, from its options to its last line of output."""
 
+import os
 import sys
 import threading
 from contextlib import suppress
@@ -143,7 +144,14 @@ def _write_newest(
     given = options.certificates
     certificates = None if given is None else str(given.resolve())
     go_on = resume_command(sys.argv[1:], folder.name, done=learner.done)
-    NewestLearner(endpoint, certificates, go_on, learner.evaluation.snapshots.keep).write(folder)
+    NewestLearner(
+        str(folder.path.resolve()),
+        endpoint,
+        certificates,
+        os.getcwd(),
+        go_on,
+        learner.evaluation.snapshots.keep,
+    ).write(folder)
 
 
 def _first_words(

@@ -222,11 +222,12 @@ def _show_ended(run: EndedRun, *, as_json: bool) -> int:
     """Prints what is left of a run; returns the exit code."""
     if as_json:
         told = {"run": run.name, "healthy": False, "reasons": [run.reason], "version": VERSION}
-        told |= {"ended": run.ended or None, "summary": run.summary or None}
+        told |= {"ended": run.ended or None, "error": run.last_words or None}
+        told |= {"summary": run.summary or None}
         print(dumps(told))
     else:
         for line in [*run.lines(), run.reason]:
-            print(line)
+            print(one_line(line))
     return UNREACHABLE
 
 
@@ -237,7 +238,7 @@ def _placed(options: StatusOptions, folder: RunFolder | None) -> StatusOptions:
     if folder is not None:
         newest, name = NewestLearner.of(folder), folder.name
     elif options.local is not None:
-        name = str(options.local)
+        name = options.local.name
     found = replace(
         options,
         run=name,

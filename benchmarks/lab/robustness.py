@@ -51,6 +51,8 @@ _KEPT = (
 )  # fmt: skip
 
 _LATENCIES = (0, 2, 4, 8, 12)
+_OWN = ("--seed", "--games", "--epsilon", "--json", "--headline")
+"""Flags of an evaluation that the grid gives, beside those of its cells."""
 
 
 @dataclass(frozen=True)
@@ -69,8 +71,7 @@ class Options(PlayingOptions):
     seed: FromOne = 1
     """Seed of the games."""
     flags: str = ""
-    """More flags of each evaluation, as in --flags="--play.equal-latency 17"; a cell's own go
-    before them."""
+    """More flags of each evaluation, as in --flags="--play.equal-latency 17"."""
     card: bool = False
     """Also write mean and worst of the grid into the network's card, for `ale-robot policies`."""
 
@@ -78,6 +79,13 @@ class Options(PlayingOptions):
         super().check()
         if self.robot is not None:
             ROBOTS.find(self.robot)
+        try:
+            given = {flag.partition("=")[0] for flag in shlex.split(self.flags)}
+        except ValueError as error:
+            raise InputError(f"--flags is {self.flags!r} ({error}): quote it whole.") from None
+        own = {*cell_flags(0, "nominal", 0.0, "nao"), "--robot", *_OWN}
+        if refused := sorted(given & own):
+            raise InputError(f"--flags names {refused[0]}, which the grid itself gives: omit it.")
         grid = self.latencies, self.optics, self.sticky, self.robot, self.flags
         if self.card and grid != (_LATENCIES, tuple(OPTICS), 0.0, None, ""):
             raise InputError(
@@ -157,7 +165,7 @@ def measure(options: Options) -> Report:
 
 def _play(options: Options, optics: Optics, latency: int) -> dict[str, Any]:
     cell = cell_flags(latency, optics, options.sticky, options.robot)
-    flags = [*shlex.split(options.flags), *cell, "--seed", f"{options.seed}"]
+    flags = [*cell, *shlex.split(options.flags), "--seed", f"{options.seed}"]
     told = evaluate(options.network, options.games, options.epsilon, flags)
     return {"added_ms": ms_of(latency)} | {name: told[name] for name in _KEPT}
 

@@ -104,19 +104,26 @@ class RunFolder:
 
     @classmethod
     def existing(cls, path: Path) -> Self:
-        """Returns the run that `named` finds. Raises InputError if there is none."""
+        """Returns the run that `named` finds, by the path that no link leads to. Raises InputError
+        if there is none."""
         if (run := cls.named(path)) is None:
             names = [each.name for each in cls.all_here()]
             there = f"{RUNS.resolve()} has {', '.join(names[:MAX_LISTED]) or 'none'}"
             meant = choice(path.name, names, f"name one, or its folder; {there}.")
             raise InputError(f"{path} is not a run: {meant}")
-        return run
+        if not run.path.is_symlink():
+            return run
+        real = run.path.resolve()
+        return cls(real.parent, real.name)
 
     @classmethod
     def all_here(cls) -> list[Self]:
-        """Returns the runs in `RUNS`, by name."""
-        found = (cls.at(file.parent) for file in sorted(RUNS.glob(f"*/{_CONFIG}")))
-        return [run for run in found if run is not None]
+        """Returns the runs in `RUNS`, by name; folders that cannot be a run's are passed over."""
+        found = []
+        for file in sorted(RUNS.glob(f"*/{_CONFIG}")):
+            with suppress(InputError):
+                found.append(cls(RUNS, file.parent.name))
+        return found
 
     def stored_config(self) -> RunConfig | None:
         """Returns the configuration with which the run was started; None for a new run. Raises

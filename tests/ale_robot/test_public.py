@@ -212,11 +212,20 @@ def test_who_only_plays_may_stack_more_frames_than_a_runs_messages_hold() -> Non
         ({"epsilon": "a"}, r"^epsilon is 'a', which is not a number"),
         ({"seed": -1}, r"^seed is -1: choose 0 or more\."),
         ({"seed": 1.5}, r"^seed is 1\.5, which is not a whole number"),
+        ({"seed": np.float64(1.5)}, r"^seed is 1\.5, which is not a whole number"),
+        ({"weights": 3}, r"^weights is 3: give a policy, its file, or its name\."),
+        ({"weights": None}, r"^weights is None: give a policy"),
     ],
 )
 def test_arguments_out_of_bounds_are_told(given: dict[str, Any], told: str) -> None:
     with pytest.raises(InputError, match=told):
-        ale_robot.load_policy("ale_pong", **given)
+        ale_robot.load_policy(**{"weights": "ale_pong", **given})
+
+
+def test_numbers_of_numpy_and_loaded_policies_are_taken() -> None:
+    policy: Any = ale_robot.load_policy("ale_pong", epsilon=np.float32(0.5), seed=np.int64(3))  # type: ignore[arg-type]
+    again: Any = ale_robot.load_policy(policy)
+    assert (policy._policy.epsilon, again._policy.epsilon) == (0.5, 0.0)
 
 
 def test_what_is_no_policy_is_told(tmp_path: Path) -> None:

@@ -328,6 +328,7 @@ def test_a_program_says_that_it_starts_once_its_flags_are_known_to_be_right(
         (("--evaluate", "robot_pong", "--learning.n-step", "5"), r"no flag --learning\.n-step"),
         (("--evaluate", "ale_pong", "--no-sync"), r"--no-sync is for a robot"),
         (("--local", "--evaluate"), r"FILE is missing \(Network to evaluate,"),
+        (("--local", "--status", "r"), r"^r is not a run: name one"),
         (
             ("--local", "--evaluate", "ale_pong", "--game", "breakout"),
             r"4 actions: give --game pong",

@@ -1,6 +1,7 @@
 """The start of the process that trains."""
 
 import json
+import sys
 from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
@@ -97,6 +98,28 @@ def test_a_learner_that_is_stopped_while_it_sends_demonstrations_publishes_no_we
     assert (newest.endpoint, newest.keeps_snapshots) == ("tcp/127.0.0.1:1", stopped)
     assert newest.go_on.endswith("--run r --resume")
     assert folder.demonstrations.read_bytes() == (b"begun" if stopped else b"complete")
+
+
+def test_a_learner_says_where_it_is_found_and_how_its_run_goes_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "argv", ["learner", "--run", "r", "--steps", "90000"])
+    monkeypatch.chdir(tmp_path)
+    folder = RunFolder(Path("runs"), "r")
+    folder.path.mkdir(parents=True)
+    options = LearnerOptions(RunConfig(), certificates=Path("keys"))
+    for done, steps in ((False, " --steps 90000"), (True, "")):
+        learner: Any = Mock(done=done)
+        learner.evaluation.snapshots.keep = True
+        process._write_newest(options, folder, "tcp/h:1", learner)
+        assert NewestLearner.of(folder) == NewestLearner(
+            str(tmp_path / "runs" / "r"),
+            "tcp/h:1",
+            str(tmp_path / "keys"),
+            str(tmp_path),
+            f"python -m learner --run r{steps} --resume",
+            keeps_snapshots=True,
+        )
 
 
 @pytest.mark.parametrize(

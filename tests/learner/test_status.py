@@ -5,6 +5,7 @@ import json
 import math
 import os
 import re
+import shutil
 import time
 from collections.abc import Iterator
 from contextlib import nullcontext
@@ -236,17 +237,28 @@ def test_a_run_that_stopped_itself_tells_why(
     with pytest.raises(InputError), kept_log(log, "learner"):
         raise InputError("the robot\nis blind: heal it.")
     main(["first"])
-    assert capsys.readouterr().out.splitlines()[-2:] == [
-        "the robot is blind: heal it.",
-        GO_ON.replace("go on", "once that is mended, go on"),
-    ]
+    reason = GO_ON.replace("go on", "once that is mended, go on")
+    assert capsys.readouterr().out.splitlines()[-2:] == ["the robot is blind: heal it.", reason]
+    main(["first", "--json"])
+    told = json.loads(capsys.readouterr().out)
+    assert (told["error"], told["reasons"]) == ("the robot\nis blind: heal it.", [reason])
     with kept_log(log, "learner") as keep:
         keep("actor-1 joined")  # it was resumed, and ended in peace
     main(["first"])
-    assert "blind" not in capsys.readouterr().out
+    assert capsys.readouterr().out.splitlines()[-2:] == [
+        "score: training −20.50, test –, best test –, random –",
+        GO_ON,
+    ]
 
 
-@pytest.mark.parametrize("content", ["", "{", "[1]", '{"epoch": "three", "wall_seconds": true}'])
+@pytest.mark.parametrize(
+    "content",
+    ["", "{", "[1]", "7", '{"epoch": "three", "wall_seconds": true}']
+    + [
+        f'{{"epoch": {number}, "wall_seconds": {number}, "train_reward": {number}}}'
+        for number in ("NaN", "Infinity", "1" + 400 * "0", "true")
+    ],
+)
 def test_what_is_left_of_a_damaged_run_is_told(
     ended: RunFolder, content: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -254,7 +266,15 @@ def test_what_is_left_of_a_damaged_run_is_told(
     ended.logs.mkdir()
     (ended.logs / "learner.jsonl").write_text('{"level": "error"}\n')
     assert main(["first"]) == UNREACHABLE
-    assert capsys.readouterr().out.splitlines()[-1] == GO_ON
+    *told, last = capsys.readouterr().out.splitlines()
+    assert last == GO_ON
+    is_table = len(content) > 3
+    if is_table:
+        assert told[1].endswith("in the warm-up, after – steps in –")
+    assert main(["first", "--json"]) == UNREACHABLE
+    found = json.loads(capsys.readouterr().out)
+    assert (found["summary"] is None) != is_table
+    assert found["error"] is None
 
 
 def test_a_run_in_another_folder_goes_on_from_there(ended: RunFolder, tmp_path: Path) -> None:
@@ -262,24 +282,33 @@ def test_a_run_in_another_folder_goes_on_from_there(ended: RunFolder, tmp_path: 
     assert there.go_on == f"ale-robot train --runs {tmp_path}/elsewhere --run first --resume"
 
 
-NEWEST = NewestLearner("tcp/127.0.0.1:7555", "/keys", "make train", keeps_snapshots=False)
+ADDRESS = "tcp/127.0.0.1:7555"
+
+
+def newest_of(folder: RunFolder, certificates: str | None = "/keys") -> NewestLearner:
+    """What a learner of this working directory writes of itself."""
+    real = str(folder.path.resolve())
+    return NewestLearner(real, ADDRESS, certificates, os.getcwd(), "make train", False)
 
 
 @pytest.mark.parametrize(
-    ("newest", "more", "place"),
+    ("certificates", "more", "place"),
     [
-        (NEWEST, [], (NEWEST.endpoint, Path("/keys"))),
-        (NEWEST, ["--certificates", "mine"], (NEWEST.endpoint, Path("mine"))),
-        (replace(NEWEST, certificates=None), [], (NEWEST.endpoint, None)),
-        (None, [], (DEFAULT_ENDPOINT, None)),  # of a former version
-        (NEWEST, ["--connect", "tcp/h:1"], ("tcp/h:1", None)),  # it may be anywhere
+        ("/keys", ["first"], (ADDRESS, Path("/keys"))),
+        ("/keys", ["link"], (ADDRESS, Path("/keys"))),
+        ("/keys", ["first", "--certificates", "mine"], (ADDRESS, Path("mine"))),
+        (None, ["runs/first/"], (ADDRESS, None)),
+        ("former", ["first"], (DEFAULT_ENDPOINT, None)),
+        # It may be anywhere.
+        ("/keys", ["first", "--connect", "tcp/h:1"], ("tcp/h:1", None)),
+        ("/keys", ["runs/first", "--connect", "tcp/h:1"], ("tcp/h:1", None)),
     ],
 )
 def test_a_run_that_is_at_work_is_asked_by_its_name_at_its_address(
     ended: RunFolder,
     client: Transport,
     monkeypatch: pytest.MonkeyPatch,
-    newest: NewestLearner | None,
+    certificates: str | None,
     more: list[str],
     place: tuple[str, Path | None],
 ) -> None:
@@ -295,12 +324,13 @@ def test_a_run_that_is_at_work_is_asked_by_its_name_at_its_address(
 
     monkeypatch.setattr("learner.status.connect", connect)
     monkeypatch.setattr("learner.status.find_run", find_run)
-    if newest is not None:
-        newest.write(ended)
+    if certificates != "former":
+        newest_of(ended, certificates).write(ended)
+    Path("link").symlink_to("runs/first")
     ended.config_file.unlink()
     ended.claim("replay", make_config(), resume=False)
     StatusSink(client, KEYS).write(snapshot({}))
-    assert main(["first", *more]) == DONE
+    assert main(more) == DONE
     assert asked == [place, "first"]
 
 
@@ -327,12 +357,30 @@ def test_a_run_that_starts_is_not_told_to_be_missing(
 def test_a_run_goes_on_by_the_command_of_its_newest_learner(
     ended: RunFolder, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    NEWEST.write(ended)
-    main(["first"])
-    assert capsys.readouterr().out.endswith("nobody works at run first: go on with `make train`\n")
+    def told(named: str = "first") -> str:
+        main([named])
+        return capsys.readouterr().out.splitlines()[-1].rpartition("go on with ")[2]
+
+    newest_of(ended).write(ended)
+    assert told() == "`make train`"
+    replace(newest_of(ended), go_on="x\x1b[2J" + "y" * 3_000).write(ended)
+    assert told() == "`x [2J" + "y" * 3_000 + "`"
+    replace(newest_of(ended), directory="/else where").write(ended)
+    assert told() == "`cd '/else where' && make train`"
+    shutil.copytree("runs/first", "runs/second")  # going on with that is not going on with this
+    assert told("second") == "`ale-robot train --run second --resume`"
     ended.newest_learner.write_text('{"endpoint": 5}')  # damaged
-    main(["first"])
-    assert capsys.readouterr().out.endswith(f"{GO_ON}\n")
+    assert f"go on with {told()}" in GO_ON
+
+
+def test_a_folder_that_cannot_be_a_runs_is_passed_over(
+    ended: RunFolder, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    other = Path("runs/my run")
+    other.mkdir()
+    (other / "config.json").touch()
+    with pytest.raises(InputError, match=r"^frist is not a run: did you mean first\?$"):
+        main(["frist"])
 
 
 def test_what_is_no_run_is_told() -> None:

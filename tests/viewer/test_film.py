@@ -284,9 +284,10 @@ def test_a_run_is_filmed_by_its_name(
 
 def test_snapshots_that_wait_for_a_test_are_no_film_of_a_run(run: Path) -> None:
     folder = RunFolder(run.parent, run.name)
-    NewestLearner("tcp/h:1", None, "ale-robot train --resume", keeps_snapshots=True).write(folder)
+    learner = NewestLearner(str(run), "tcp/h:1", None, str(run), "go on", keeps_snapshots=True)
+    learner.write(folder)
     assert len(chapters_of(run)) == 3
-    NewestLearner("tcp/h:1", None, "ale-robot train --resume", keeps_snapshots=False).write(folder)
+    replace(learner, keeps_snapshots=False).write(folder)
     with pytest.raises(InputError, match=r"has kept no snapshots: train with --keep-snapshots"):
         chapters_of(run)
 

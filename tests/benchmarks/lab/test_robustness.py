@@ -105,6 +105,9 @@ def test_a_file_from_before_there_were_flags_goes_on(games: Games, tmp_path: Pat
     file.write_text(json.dumps(content))
     games.left = 0
     assert grid(file, "--optics", "nominal")["cells"] == content["cells"]
+    file.write_text(json.dumps(content))
+    with pytest.raises(InputError, match="holds no grid"):
+        grid(file, "--optics", "nominal", "--flags=--play.equal-latency 17")
 
 
 def test_an_interrupted_grid_goes_on(games: Games, tmp_path: Path) -> None:
@@ -165,11 +168,14 @@ def test_another_robot_may_play(games: Games, tmp_path: Path) -> None:
 
 
 def test_other_settings_may_be_given_for_all_cells(games: Games, tmp_path: Path) -> None:
-    given = ("--flags=--play.equal-latency 17 --camera.noise 3", "--optics", "nominal")
-    content = grid(tmp_path / "grid.json", *given)
-    assert content["flags"] == "--play.equal-latency 17 --camera.noise 3"
+    content = grid(tmp_path / "grid.json", "--flags=--play.equal-latency 17", "--optics", "nominal")
+    assert content["flags"] == "--play.equal-latency 17"
     assert {each["--play.equal-latency"] for each in games.flags} == {"17"}
-    assert {each["--camera.noise"] for each in games.flags} == {"0.0"}  # the cell's own
+    for own in ("--camera.noise=3", "--seed 2", "--headline", "--play.robot nao", "--robot nao"):
+        with pytest.raises(InputError, match=rf"^--flags names {own.split('=')[0].split()[0]}, wh"):
+            grid(tmp_path / "refused.json", f"--flags={own}")
+    with pytest.raises(InputError, match=r"^--flags is \"'\" \(No closing quotation\): quote it"):
+        grid(tmp_path / "refused.json", "--flags='")
     with pytest.raises(InputError, match=r"whole grid .*--robot, --flags\.$"):
         grid(tmp_path / "card.json", "--card", "--flags=--play.equal-latency 17")
 

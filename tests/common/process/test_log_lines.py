@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from common.errors import InputError
 from common.process import log_lines
 from common.process.log_lines import Seldom, kept_log, line
 from tests.paths import ROOT
@@ -76,6 +77,14 @@ def test_a_warning_is_still_on_the_terminal(tmp_path: Path) -> None:
     command = [sys.executable, "-c", code, str(tmp_path / "log")]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
     assert done.stderr == "late\n"
+
+
+@pytest.mark.parametrize("error", [InputError("it is full."), ValueError()])
+def test_the_error_that_ends_the_block_is_kept(tmp_path: Path, error: Exception) -> None:
+    with pytest.raises(type(error)), kept_log(tmp_path / "log", "x"):
+        raise error
+    told = json.loads((tmp_path / "log").read_text())
+    assert (told["level"], told["message"]) == ("error", str(error) or "ValueError()")
 
 
 def test_the_kept_log_is_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -304,6 +304,7 @@ def test_a_start_that_fails_leaves_no_folder(tmp_path: Path) -> None:
     (folder.logs / "learner.jsonl").touch()
     folder.claim("replay", FAST, resume=False)
     folder.gates.touch()
+    folder.newest_learner.touch()
     for made in (folder.replay, folder.tensorboard):
         made.mkdir()
         (made / "file").touch()

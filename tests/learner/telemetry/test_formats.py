@@ -34,6 +34,7 @@ def check(value: float | None, bound: str) -> HealthCheck:
         (formats.verdict(check(90.0, "≤ 66")), "90.00, not ≤ 66"),
         (formats.verdict(check(1_234.0, "= 0")), "1,234, not 0"),
         (formats.verdict(check(math.nan, "= 0")), "nan, not 0"),
+        (formats.verdict(check(0.4, "= 0")), "0.4000, not 0"),
         (formats.reading(check(None, "= 0")), "–"),
         (formats.significant(-0.5), "−0.5000"),
         (formats.significant(123_456.7), "123,457"),
