@@ -15,6 +15,7 @@ PROGRAMS: dict[str, tuple[str, ...]] = {
     "replay": ("replay.__main__",),
     "launch": ("deploy.__main__",),
     "status": ("learner.status",),
+    "runs": ("learner.runs",),
     "play": ("viewer.__main__", "play"),
     "human": ("viewer.__main__", "human"),
     "record": ("viewer.__main__", "record"),
@@ -133,6 +134,15 @@ Show how a run is doing, on this machine or another.
   --json               JSON instead of a table
 
   exit code: 0 healthy, 1 something is red, 4 nobody answers, or it has ended
+""",
+    "runs": """\
+List the runs of a folder, how far they came, and who is at work.
+
+  ale-robot runs                                   those in runs/
+  ale-robot runs /mnt/backup --json
+
+  FOLDER               folder that holds the runs
+  --json               JSON with all figures
 """,
     "play": """\
 Play whole games and print their scores.
@@ -278,8 +288,7 @@ def overview(*, everything: bool) -> str:
         "",
         *(f"  {name:<10} {text.splitlines()[0]}" for name, text in HELP.items()),
         "",
-        "  ale-robot COMMAND --help        examples, and the most common flags",
-        "  ale-robot COMMAND --help-all    every flag",
+        "  ale-robot COMMAND --help        its usual flags; --help-all: all flags",
         "  ale-robot --version             version of this program",
     ]
     if everything:

@@ -20,7 +20,7 @@ from common.process.exit_codes import DONE, FAILED, UNREACHABLE
 from common.process.program_end import exit_on_input_error
 from common.protocol.run_keys import RunKeys
 from common.protocol.run_status import RunStatus
-from common.run.folder import MAX_LISTED, RunFolder
+from common.run.folder import MAX_LISTED, RUNS, RunFolder
 from common.run.join import find_run
 from common.run.newest_learner import NewestLearner
 from common.strict_json import dumps
@@ -28,7 +28,7 @@ from common.transport.chosen import connect
 from common.transport.endpoint import DEFAULT_ENDPOINT
 from common.transport.interface import Transport
 from common.version import VERSION
-from learner.ended_run import EndedRun
+from learner.folder_report import FolderReport
 from learner.telemetry.formats import (
     UNKNOWN,
     decimal,
@@ -218,11 +218,11 @@ def ask(
         ) from None
 
 
-def _show_ended(run: EndedRun, *, as_json: bool) -> int:
+def _show_ended(run: FolderReport, *, as_json: bool) -> int:
     """Prints what is left of a run; returns the exit code."""
     if as_json:
         told = {"run": run.name, "healthy": False, "reasons": [run.reason], "version": VERSION}
-        told |= {"ended": run.ended or None, "error": run.last_words or None}
+        told |= {"ended": run.written or None, "error": run.last_words or None}
         told |= {"summary": run.summary or None}
         print(dumps(told))
     else:
@@ -269,7 +269,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     here = options.local if options.connect is None else None
     folder = None if here is None else RunFolder.existing(here)
     if folder is not None and not folder.is_at_work():
-        return _show_ended(EndedRun.of(folder), as_json=options.json)
+        return _show_ended(FolderReport.of(folder), as_json=options.json)
     placed = _placed(options, folder)
     try:
         report = _asked(placed)
@@ -280,7 +280,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 f"{placed.connect}: it may be starting or ending, so ask again; or give its "
                 "address with --connect."
             ) from None
-        known = ", ".join(run.name for run in RunFolder.all_here()[:MAX_LISTED])
+        known = ", ".join(run.name for run in RunFolder.all_in(RUNS)[:MAX_LISTED])
         if options.connect is None and known:
             raise Unreachable(f"{error} Runs here: {known}; `status RUN` asks one.") from None
         raise

@@ -107,7 +107,7 @@ class RunFolder:
         """Returns the run that `named` finds, by the path that no link leads to. Raises InputError
         if there is none."""
         if (run := cls.named(path)) is None:
-            names = [each.name for each in cls.all_here()]
+            names = [each.name for each in cls.all_in(RUNS)]
             there = f"{RUNS.resolve()} has {', '.join(names[:MAX_LISTED]) or 'none'}"
             meant = choice(path.name, names, f"name one, or its folder; {there}.")
             raise InputError(f"{path} is not a run: {meant}")
@@ -117,12 +117,13 @@ class RunFolder:
         return cls(real.parent, real.name)
 
     @classmethod
-    def all_here(cls) -> list[Self]:
-        """Returns the runs in `RUNS`, by name; folders that cannot be a run's are passed over."""
+    def all_in(cls, runs: Path) -> list[Self]:
+        """Returns the runs in the folder ``runs``, by name; what cannot be a run's is passed
+        over."""
         found = []
-        for file in sorted(RUNS.glob(f"*/{_CONFIG}")):
+        for file in sorted(runs.glob(f"*/{_CONFIG}")):
             with suppress(InputError):
-                found.append(cls(RUNS, file.parent.name))
+                found.append(cls(runs, file.parent.name))
         return found
 
     def stored_config(self) -> RunConfig | None:

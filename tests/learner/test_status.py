@@ -28,7 +28,7 @@ from common.run.folder import RunFolder
 from common.run.newest_learner import NewestLearner
 from common.transport.endpoint import DEFAULT_ENDPOINT
 from common.transport.interface import Envelope, Transport
-from learner.ended_run import EndedRun
+from learner.folder_report import FolderReport
 from learner.status import Report, ask, main
 from learner.telemetry.health_checks import LONGEST_SILENCE
 from learner.telemetry.sinks.status import StatusSink
@@ -278,7 +278,7 @@ def test_what_is_left_of_a_damaged_run_is_told(
 
 
 def test_a_run_in_another_folder_goes_on_from_there(ended: RunFolder, tmp_path: Path) -> None:
-    there = EndedRun.of(RunFolder(tmp_path / "elsewhere", "first"))
+    there = FolderReport.of(RunFolder(tmp_path / "elsewhere", "first"))
     assert there.go_on == f"ale-robot train --runs {tmp_path}/elsewhere --run first --resume"
 
 

@@ -1,4 +1,4 @@
-"""What the folder of a run tells after its processes have ended."""
+"""What the folder of a run tells, whether or not somebody works at it."""
 
 import json
 import shlex
@@ -16,18 +16,19 @@ from learner.telemetry.formats import fill, played, scores
 
 
 @dataclass(frozen=True)
-class EndedRun:
-    """A run of this machine at which nobody works."""
+class FolderReport:
+    """What the files of a run on this machine tell."""
 
     name: str
     go_on: str
     """Command that continues it."""
     summary: dict[str, Any] = field(default_factory=dict)
     """Its ``summary.json``; empty if there is none."""
-    ended: str = ""
+    written: str = ""
     """When that was written, local time; empty if it was not."""
     last_words: str = ""
-    """Error with which it ended; empty if it was stopped, has all its steps, or was killed."""
+    """Error with which its learner ended; empty if that was stopped, has all its steps, or was
+    killed."""
 
     @classmethod
     def of(cls, folder: RunFolder) -> Self:
@@ -38,16 +39,16 @@ class EndedRun:
             here = folder.path.resolve().parent == RUNS.resolve()
             place = [] if here else ["--runs", str(folder.path.parent)]
             go_on = shlex.join(["ale-robot", "train", *place, "--run", folder.name, "--resume"])
-        summary, ended, last_words = {}, "", ""
+        summary, written, last_words = {}, "", ""
         with suppress(OSError, ValueError, RecursionError):
             told = json.loads(read_file(folder.summary))
             summary = told if isinstance(told, dict) else {}
-            written = datetime.fromtimestamp(folder.summary.stat().st_mtime)
-            ended = f"{written:%Y-%m-%d %H:%M}"
+            at = datetime.fromtimestamp(folder.summary.stat().st_mtime)
+            written = f"{at:%Y-%m-%d %H:%M}"
         with suppress(OSError, ValueError, RecursionError, LookupError, TypeError):
             last = json.loads(read_file(folder.logs / "learner.jsonl").splitlines()[-1])
             last_words = str(last["message"]) if last["level"] == "error" else ""
-        return cls(folder.name, go_on, summary, ended, last_words)
+        return cls(folder.name, go_on, summary, written, last_words)
 
     @property
     def reason(self) -> str:
@@ -55,13 +56,18 @@ class EndedRun:
         mended = "once that is mended, " if self.last_words else ""
         return f"nobody works at run {self.name}: {mended}go on with `{self.go_on}`"
 
-    def lines(self) -> list[str]:
-        """Returns the report for a person."""
-        values = {
+    @property
+    def values(self) -> dict[str, Value]:
+        """Figures of the summary, by their keys in `METRICS`; None where there is none."""
+        return {
             metric.key: _found(self.summary, metric)
             for metric in METRICS.values()
             if metric.summary
         }
+
+    def lines(self) -> list[str]:
+        """Returns, for a person, what is left of a run that has ended."""
+        values = self.values
         if not self.summary:
             told = [f"run {self.name} ended before it had any figures"]
         else:
@@ -69,7 +75,7 @@ class EndedRun:
             told = [
                 fill(f"run {self.name}: {played(values)}, preset {{run/preset}}", values),
                 fill(
-                    f"ended on {self.ended} in {phase}, after {{run/agent_steps}} "
+                    f"ended on {self.written} in {phase}, after {{run/agent_steps}} "
                     "steps in {run/seconds}",
                     values,
                 ),

@@ -1,0 +1,96 @@
+"""``ale-robot runs``, or ``python -m learner.runs``: lists the runs of a folder."""
+
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import tyro
+from rich import box
+from rich.console import Console
+from rich.table import Column, Table
+
+from common.process.command_line import parse
+from common.process.program_end import exit_on_input_error
+from common.run.folder import RUNS, RunFolder
+from common.run.newest_learner import NewestLearner
+from common.strict_json import dumps
+from common.transport.endpoint import DEFAULT_ENDPOINT
+from learner.folder_report import FolderReport
+from learner.telemetry.formats import UNKNOWN, figure, one_line, played
+
+_FIGURES = {
+    "steps": "run/agent_steps",
+    "time": "run/seconds",
+    "train": "play/train_reward",
+    "best\ntest": "play/best_test_reward",
+}
+"""Figures of the table, by the heads of their columns."""
+_YEAR = len("2026-")
+"""Letters of a date for which the table has no room."""
+
+
+@dataclass(frozen=True)
+class RunsOptions:
+    """List the runs of a folder: what they play, how far they came, and who works at them."""
+
+    runs: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="[FOLDER]")] = RUNS
+    """Folder that holds the runs."""
+    json: bool = False
+    """JSON, with all figures, instead of a table."""
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Prints the list."""
+    given = sys.argv[1:] if arguments is None else arguments
+    options = parse(RunsOptions, "learner.runs", given)
+    runs = RunFolder.all_in(options.runs)
+    if options.json:
+        print(dumps([_told(run) for run in runs]))
+        return
+    if not runs:
+        print(f"There are no runs in {options.runs.resolve()}: `ale-robot train` begins one.")
+        return
+    heads = [Column(head, justify="right", no_wrap=True) for head in _FIGURES]
+    names = Column("run", overflow="fold")
+    table = Table(names, "plays", *heads, "state", box=box.SIMPLE, padding=(0, 1, 0, 0))
+    for run in runs:
+        table.add_row(*map(one_line, _row(run)))
+    console = Console(highlight=False, markup=False, emoji=False)
+    console.print(table)
+    console.print("One of them: ale-robot status RUN", soft_wrap=True)
+
+
+def _row(run: RunFolder) -> tuple[str, ...]:
+    report = FolderReport.of(run)
+    values = report.values
+    plays = played(values) if report.summary else UNKNOWN
+    figures = (figure(key, values) for key in _FIGURES.values())
+    return (run.name, plays, *figures, _state(run, report))
+
+
+def _state(run: RunFolder, report: FolderReport) -> str:
+    """Returns where somebody works at a run; or when it ended, and whether by an error."""
+    if run.is_at_work():
+        newest = NewestLearner.of(run)
+        address = DEFAULT_ENDPOINT if newest is None else newest.endpoint
+        return "at work" if address == DEFAULT_ENDPOINT else f"at work at {address}"
+    how = "failed" if report.last_words else "ended"
+    return f"{how} {report.written[_YEAR:]}".strip()
+
+
+def _told(run: RunFolder) -> dict[str, Any]:
+    report = FolderReport.of(run)
+    return {
+        "run": run.name,
+        "folder": str(run.path.resolve()),
+        "at_work": run.is_at_work(),
+        "written": report.written or None,
+        "error": report.last_words or None,
+        "summary": report.summary or None,
+    }
+
+
+if __name__ == "__main__":
+    exit_on_input_error(main)

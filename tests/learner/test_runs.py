@@ -1,0 +1,104 @@
+"""The list of the runs of a folder."""
+
+import json
+import os
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from common.process.log_lines import kept_log
+from common.run.folder import RunFolder
+from common.run.newest_learner import NewestLearner
+from common.run.presets import PRESETS
+from learner.runs import main
+
+
+@pytest.fixture
+def runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A working directory with an ended run, one that failed, one without figures, one that is at
+    work, and what is no run."""
+    monkeypatch.setenv("COLUMNS", "80")
+    monkeypatch.chdir(tmp_path)
+    for name in ("busy", "ended", "failed", "new"):
+        folder = RunFolder(Path("runs"), name)
+        folder.path.mkdir(parents=True)
+        folder.config_file.write_text("{}")
+    for name, steps in (("busy", 5_000), ("ended", 1_200_000), ("failed", 300)):
+        summary = RunFolder(Path("runs"), name).summary
+        told = {"env": "robot", "game": "pong", "agent_steps": steps, "wall_seconds": 3_630.0}
+        summary.write_text(json.dumps({**told, "train_reward": 18.0, "best_test_reward": -2.5}))
+        os.utime(summary, (0, time.mktime((2026, 11, 29, 7, 57, 0, 0, 0, -1))))
+    with (
+        pytest.raises(ValueError, match="boom"),
+        kept_log(Path("runs/failed/logs/learner.jsonl"), "learner"),
+    ):
+        raise ValueError("boom")
+    (tmp_path / "runs" / "notes").mkdir()
+    (tmp_path / "runs" / "my run").mkdir()
+    (tmp_path / "runs" / "my run" / "config.json").touch()
+    return tmp_path / "runs"
+
+
+def claimed(address: str) -> RunFolder:
+    """The run at which this process works from now on."""
+    folder = RunFolder(Path("runs"), "busy")
+    NewestLearner(str(folder.path.resolve()), address, None, "/", "go on", False).write(folder)
+    folder.config_file.unlink()
+    folder.claim("learner", PRESETS["fast"], resume=False)
+    return folder
+
+
+def listed(capsys: pytest.CaptureFixture[str], *arguments: str) -> list[str]:
+    main(arguments)
+    return [line.strip() for line in capsys.readouterr().out.splitlines()]
+
+
+@pytest.mark.parametrize(
+    ("address", "state"),
+    [("tcp/127.0.0.1:7447", "at work"), ("tcp/h:1", "at work at tcp/h:1")],
+)
+def test_each_run_has_its_figures_and_its_state(
+    runs: Path, capsys: pytest.CaptureFixture[str], address: str, state: str
+) -> None:
+    folder = claimed(address)
+    head, rule, *rows, _, last = listed(capsys)[2:]
+    assert head.split() == ["run", "plays", "steps", "time", "train", "test", "state"]
+    assert set(rule) == {"─"}
+    assert [" ".join(row.split()) for row in rows] == [
+        f"busy pong (robot) 5,000 1:00:30 18.00 −2.50 {state}",
+        "ended pong (robot) 1,200,000 1:00:30 18.00 −2.50 ended 11-29 07:57",
+        "failed pong (robot) 300 1:00:30 18.00 −2.50 failed 11-29 07:57",
+        "new – – – – – ended",
+    ]
+    assert last == "One of them: ale-robot status RUN"
+    assert folder.is_at_work()
+
+
+def test_the_list_as_json_has_all_figures(
+    runs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = claimed("tcp/h:1")
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    monkeypatch.chdir(elsewhere)
+    main([str(runs), "--json"])
+    told: list[dict[str, Any]] = json.loads(capsys.readouterr().out)
+    assert [each["run"] for each in told] == ["busy", "ended", "failed", "new"]
+    assert [each["at_work"] for each in told] == [True, False, False, False]
+    assert [each["error"] for each in told] == [None, None, "boom", None]
+    assert told[1]["folder"] == str(runs / "ended")
+    assert (told[1]["written"], told[1]["summary"]["agent_steps"]) == (
+        "2026-11-29 07:57",
+        1_200_000,
+    )
+    assert (told[3]["written"], told[3]["summary"]) == (None, None)
+    monkeypatch.chdir(tmp_path)
+    assert folder.is_at_work()
+
+
+def test_a_folder_without_runs_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    told = f"There are no runs in {tmp_path}: `ale-robot train` begins one."
+    assert listed(capsys, str(tmp_path)) == [told]
+    assert listed(capsys, str(tmp_path), "--json") == ["[]"]
