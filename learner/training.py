@@ -114,8 +114,10 @@ class Learner:
                 self._train()
                 if not self.stop.is_set():
                     self._conclude()
-            except InputError:
+            except InputError as error:
                 if not self.stop.is_set():
+                    # At once: the end of actors and evaluators takes seconds.
+                    self.telemetry.say(f"The run ends: {error}")
                     raise
                 # The run was stopped while it waited for a replay that is away.
 

@@ -597,6 +597,7 @@ def test_a_sampler_that_fails_ends_the_run_with_its_sentence_and_everything_kept
     with pytest.raises(InputError) as error:
         learner.run()
     assert str(error.value) == told
+    assert world.said == [f"The run ends: {told}"]  # before its children have ended
     assert world.checkpoints[-1]["updates"] == world.updates
     assert world.log[-1][0] == "summary"
 
