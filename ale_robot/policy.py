@@ -22,7 +22,7 @@ from common.protocol.step_fields import FRAME_SHAPE
 from common.run.clock import ClockConfig
 from common.run.conditions import CameraConfig, PlayConfig
 from common.run.config import RunConfig, Seed
-from common.run.fit import check_fit
+from common.run.fit import as_argument, check_fit
 from common.run.origin import find_weights, name_of, origin_of
 from common.run.rules import check_play, check_robot
 from learner.evaluation import offline
@@ -185,5 +185,5 @@ def _changed(weights: Path, config: RunConfig, **given: Any) -> RunConfig:
     if changed != config:
         check_play(changed)
         check_robot(config, changed)
-        check_fit(weights, config, changed)
+        check_fit(weights, config, changed, written=as_argument)
     return changed.pinned()

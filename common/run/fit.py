@@ -73,15 +73,34 @@ def _pixels_are(learning: LearningConfig) -> str:
     return f"{', '.join(others)} and {last}" if others else last
 
 
+def as_flag(setting: str, config: RunConfig) -> str:
+    """Returns the flag that gives ``setting`` its value in ``config``."""
+    value = attrgetter(setting)(config)
+    if setting == "play.robot":
+        return f"--robot {shlex.quote(str(path_of(value)))}"
+    return shlex.join(flag_of(setting, value))
+
+
+def as_argument(setting: str, config: RunConfig) -> str:
+    """Returns, as in Python, that ``setting`` has its value in ``config``: ``game='pong'``."""
+    return f"{setting}={attrgetter(setting)(config)!r}"
+
+
 def check_fit(
-    weights: Path, trained: RunConfig | None, config: RunConfig, *, vector: bool = True
+    weights: Path,
+    trained: RunConfig | None,
+    config: RunConfig,
+    *,
+    vector: bool = True,
+    written: Callable[[str, RunConfig], str] = as_flag,
 ) -> None:
     """Checks that a network fits the settings ``config`` under which it should play or learn.
-    Raises InputError, with the flags under which it fits, if it does not.
+    Raises InputError, with the settings under which it fits, if it does not.
 
     Args:
         trained: settings under which ``weights`` were trained; None if they are unknown.
         vector: whether the vector observation must fit too.
+        written: writes the name and the value of a setting for people.
     """
     if trained is None:
         return
@@ -94,8 +113,8 @@ def check_fit(
             needs.append(words.format(needed))
             has.append(words.format(given))
             values = [(name, attrgetter(name)) for name in settings]
-            found = [_flag(name, trained) for name, of in values if of(trained) != of(config)]
-            flags += found or [_flag("env", trained)]
+            found = [written(name, trained) for name, of in values if of(trained) != of(config)]
+            flags += found or [written("env", trained)]
     if flags:
         other = "" if trained.game == config.game else f", or name a network of {config.game}"
         raise InputError(
@@ -103,11 +122,3 @@ def check_fit(
             f"{', '.join(needs)}, and here it would have {', '.join(has)}: give "
             f"{' '.join(dict.fromkeys(flags))}{other}."
         )
-
-
-def _flag(setting: str, config: RunConfig) -> str:
-    """Returns the flag that gives ``setting`` its value in ``config``."""
-    value = attrgetter(setting)(config)
-    if setting == "play.robot":
-        return f"--robot {shlex.quote(str(path_of(value)))}"
-    return shlex.join(flag_of(setting, value))
