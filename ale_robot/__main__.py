@@ -15,6 +15,8 @@ from common.process.program_end import exit_on_input_error
 def run() -> int | None:
     """Runs the program that the command line names; returns its exit status."""
     name, *arguments = sys.argv[1:] or ["--help"]
+    if name == "help":  # as of git: `ale-robot help train`
+        name, *arguments = [*arguments, "--help"]
     if name == "--version":
         print(f"ale-robot {__version__}")
         return 0

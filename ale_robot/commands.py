@@ -29,7 +29,6 @@ PROGRAMS: dict[str, tuple[str, ...]] = {
 """Programs by command: the module whose ``main`` is called, and the arguments that come before the
 user's."""
 MEANT = {
-    "help": "`ale-robot --help` lists the commands, `ale-robot COMMAND --help` explains one.",
     "list": "`ale-robot policies` lists the policies, `ale-robot --help-all` the games.",
     "version": "`ale-robot --version` tells it.",
 }

@@ -131,8 +131,6 @@ def test_what_is_no_command_is_told_with_those_that_are(monkeypatch: pytest.Monk
         run(monkeypatch, "xyzzy")
     with pytest.raises(InputError, match="no command 'list': `ale-robot policies` lists"):
         run(monkeypatch, "list")
-    with pytest.raises(InputError, match="no command 'help': `ale-robot --help` lists"):
-        run(monkeypatch, "help", "watch")
 
 
 def test_an_evaluation_without_a_network_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -153,6 +151,18 @@ def test_a_figure_without_matplotlib_names_the_extra(monkeypatch: pytest.MonkeyP
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
     with pytest.raises(InputError, match=r"matplotlib.*: pip install 'ale-robot\[plot\]'\.$"):
         run(monkeypatch, "plot", "a")
+
+
+def test_help_is_a_command_too(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for words, flags in ((("help",), ("--help",)), (("help", "train"), ("train", "--help"))):
+        assert run(monkeypatch, *words) == 0
+        said = capsys.readouterr().out
+        assert run(monkeypatch, *flags) == 0
+        assert capsys.readouterr().out == said
+    with pytest.raises(InputError, match="there is no command 'trian': did you mean train"):
+        run(monkeypatch, "help", "trian")
 
 
 def test_the_overview_fits_a_screen_and_names_the_games_on_request(
