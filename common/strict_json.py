@@ -17,5 +17,5 @@ def strict(value: Any) -> Any:
 
 
 def dumps(value: Any) -> str:
-    """Returns `strict` ``value`` as JSON for people and programs, of several lines."""
+    """Returns ``value`` as indented strict JSON."""
     return json.dumps(strict(value), indent=2, ensure_ascii=False, allow_nan=False)

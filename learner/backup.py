@@ -50,7 +50,7 @@ def back_up(options: BackupOptions, stop: threading.Event) -> tuple[RunFolder, R
             ``stop`` was set; there is no copy then.
         OSError: a file cannot be read or written, as on a full disk; there is no copy then.
     """
-    source = RunFolder.existing(RunFolder.existing(options.run).path.resolve())
+    source = RunFolder.existing(options.run).resolved()
     target = RunFolder(options.output.resolve().parent, options.output.resolve().name)
     if target.path.exists():
         raise InputError(f"{options.output} already exists: name a new folder.")

@@ -5,13 +5,13 @@ import shlex
 from contextlib import suppress
 from dataclasses import dataclass, field
 from datetime import datetime
-from typing import Any, Self
+from typing import Any, Literal, Self
 
 from common.checked import MAX_COUNT
 from common.metrics import METRICS, Metric, Value
 from common.regular_file import read_file
 from common.run.folder import RUNS, RunFolder
-from common.run.newest_learner import NewestLearner
+from common.run.newest_learner import Ended, NewestLearner
 from learner.telemetry.formats import fill, played, scores
 
 
@@ -20,26 +20,30 @@ class FolderReport:
     """What the files of a run on this machine tell."""
 
     name: str
-    go_on: str
+    resume_command: str
     """Command that continues it."""
     summary: dict[str, Any] = field(default_factory=dict)
     """Its ``summary.json``; empty if there is none."""
     written: str = ""
     """When that was written, local time; empty if it was not."""
-    last_words: str = ""
-    """Error with which its learner ended; empty if that was stopped, has all its steps, or was
-    killed."""
+    error: str = ""
+    """Error with which its learner ended; empty if there was none."""
+    ended: Ended | Literal["killed", "ended"] = "ended"
+    """How its learner ended if there was no error; "ended" of one that does not say how."""
 
     @classmethod
     def of(cls, folder: RunFolder) -> Self:
         """Reads the files of a run. What is missing or damaged counts as empty."""
-        if (newest := NewestLearner.of(folder)) is not None:
-            go_on = newest.command
+        newest = NewestLearner.of(folder)
+        if newest is not None:
+            resume_command = newest.command
         else:  # of a former version, or a copy
             here = folder.path.resolve().parent == RUNS.resolve()
             place = [] if here else ["--runs", str(folder.path.parent)]
-            go_on = shlex.join(["ale-robot", "train", *place, "--run", folder.name, "--resume"])
-        summary, written, last_words = {}, "", ""
+            resume_command = shlex.join(
+                ["ale-robot", "train", *place, "--run", folder.name, "--resume"]
+            )
+        summary, written, error = {}, "", ""
         with suppress(OSError, ValueError, RecursionError):
             told = json.loads(read_file(folder.summary))
             summary = told if isinstance(told, dict) else {}
@@ -47,14 +51,22 @@ class FolderReport:
             written = f"{at:%Y-%m-%d %H:%M}"
         with suppress(OSError, ValueError, RecursionError, LookupError, TypeError):
             last = json.loads(read_file(folder.logs / "learner.jsonl").splitlines()[-1])
-            last_words = str(last["message"]) if last["level"] == "error" else ""
-        return cls(folder.name, go_on, summary, written, last_words)
+            error = str(last["message"]) if last["level"] == "error" else ""
+        ended = "ended" if newest is None else newest.ended or "killed"
+        return cls(folder.name, resume_command, summary, written, error, ended)
 
     @property
     def reason(self) -> str:
         """Says that nobody works at the run, and how to go on."""
-        mended = "once that is mended, " if self.last_words else ""
-        return f"nobody works at run {self.name}: {mended}go on with `{self.go_on}`"
+        if self.how == "done":
+            return f"run {self.name} has all its steps: train on with `{self.resume_command}`"
+        mended = "once that is mended, " if self.error else ""
+        return f"nobody works at run {self.name}: {mended}go on with `{self.resume_command}`"
+
+    @property
+    def how(self) -> str:
+        """How its learner ended, in one word."""
+        return "failed" if self.error else self.ended
 
     @property
     def values(self) -> dict[str, Value]:
@@ -73,15 +85,15 @@ class FolderReport:
         else:
             phase = "epoch {run/epoch}" if values["run/epoch"] else "the warm-up"
             told = [
-                fill(f"run {self.name}: {played(values)}, preset {{run/preset}}", values),
+                f"run {self.name}: {played(values)}, " + fill("preset {run/preset}", values),
                 fill(
-                    f"ended on {self.written} in {phase}, after {{run/agent_steps}} "
+                    f"{self.how} on {self.written} in {phase}, after {{run/agent_steps}} "
                     "steps in {run/seconds}",
                     values,
                 ),
                 scores(values),
             ]
-        told += [self.last_words] if self.last_words else []
+        told += [self.error] if self.error else []
         return told
 
 

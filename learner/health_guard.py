@@ -89,7 +89,7 @@ class HealthGuard:
                 yield (
                     check.name,
                     f"health check {check.name!r} has been red for {self.red_minutes:g} minutes "
-                    f"and {self._red_steps:,} steps: it is {formats.verdict(check)}, "
+                    f"and {self._red_steps:,} steps: it is {formats.reading_and_bound(check)}, "
                     f"so {check.why}",
                 )
 

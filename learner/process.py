@@ -18,7 +18,7 @@ from common.process.log_lines import kept_log, say, say_aside
 from common.process.threads import end_with_any_thread
 from common.protocol.weights import encode_weights
 from common.run.folder import RunFolder
-from common.run.newest_learner import NewestLearner
+from common.run.newest_learner import Ended, NewestLearner
 from common.transport.endpoint import from_here
 from common.transport.signature import signer
 from learner.algorithm.interface import build_algorithm
@@ -105,7 +105,7 @@ def train(options: LearnerOptions, again: bool) -> int:
                 needed = needed_children(options, learner)
                 learner.run(launch(needed, from_here(endpoint), folder) if local else None)
             with suppress(OSError):  # a disk that is full by now has what was learned
-                write_newest()
+                write_newest("done" if learner.done else "stopped")
             if learner.failed is not None:
                 keep(f"stopped: {learner.failed}", "ERROR")
     return _last_words(learner, folder)
@@ -113,12 +113,11 @@ def train(options: LearnerOptions, again: bool) -> int:
 
 def needed_children(options: LearnerOptions, learner: Learner) -> LearnerOptions:
     """Returns the options with as many actors and evaluators as the run still needs: a resumed run
-    that has its steps needs no actors, and evaluators only for tests that are left."""
+    that has its steps needs no actors, and evaluators only for tests that are to come."""
     if not learner.done:
         return options
-    return replace(
-        options, actors=0, evaluators=options.evaluators if learner.evaluation.pending else 0
-    )
+    evaluators = options.evaluators if learner.has_tests_to_come else 0
+    return replace(options, actors=0, evaluators=evaluators)
 
 
 def _write_beginning(
@@ -138,19 +137,24 @@ def _write_beginning(
 
 
 def _write_newest(
-    options: LearnerOptions, folder: RunFolder, endpoint: str, learner: Learner
+    options: LearnerOptions,
+    folder: RunFolder,
+    endpoint: str,
+    learner: Learner,
+    ended: Ended | None = None,
 ) -> None:
-    """Writes where the run is found, and how it goes on."""
+    """Writes where the run is found, how it goes on, and how the learner ``ended``."""
     given = options.certificates
     certificates = None if given is None else str(given.resolve())
-    go_on = resume_command(sys.argv[1:], folder.name, done=learner.done)
+    command = resume_command(sys.argv[1:], folder.name, done=learner.done)
     NewestLearner(
         str(folder.path.resolve()),
         endpoint,
         certificates,
         os.getcwd(),
-        go_on,
+        command,
         learner.evaluation.snapshots.keep,
+        ended,
     ).write(folder)
 
 

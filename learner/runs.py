@@ -3,6 +3,7 @@
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
+from datetime import date
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -27,8 +28,6 @@ _FIGURES = {
     "best\ntest": "play/best_test_reward",
 }
 """Figures of the table, by the heads of their columns."""
-_YEAR = len("2026-")
-"""Letters of a date for which the table has no room."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +49,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         print(dumps([_told(run) for run in runs]))
         return
     if not runs:
-        print(f"There are no runs in {options.runs.resolve()}: `ale-robot train` begins one.")
+        begin = ": `ale-robot train` begins one" if options.runs == RUNS else ""
+        print(f"There are no runs in {options.runs.resolve()}{begin}.")
         return
     heads = [Column(head, justify="right", no_wrap=True) for head in _FIGURES]
     names = Column("run", overflow="fold")
@@ -59,7 +59,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         table.add_row(*map(one_line, _row(run)))
     console = Console(highlight=False, markup=False, emoji=False)
     console.print(table)
-    console.print("One of them: ale-robot status RUN", soft_wrap=True)
+    place = "" if options.runs == RUNS else f"{options.runs}/"
+    console.print(f"One of them: ale-robot status {place}RUN", soft_wrap=True)
 
 
 def _row(run: RunFolder) -> tuple[str, ...]:
@@ -76,8 +77,8 @@ def _state(run: RunFolder, report: FolderReport) -> str:
         newest = NewestLearner.of(run)
         address = DEFAULT_ENDPOINT if newest is None else newest.endpoint
         return "at work" if address == DEFAULT_ENDPOINT else f"at work at {address}"
-    how = "failed" if report.last_words else "ended"
-    return f"{how} {report.written[_YEAR:]}".strip()
+    when = report.written.removeprefix(f"{date.today():%Y}-")
+    return f"{report.how} {when}".strip()
 
 
 def _told(run: RunFolder) -> dict[str, Any]:
@@ -87,7 +88,7 @@ def _told(run: RunFolder) -> dict[str, Any]:
         "folder": str(run.path.resolve()),
         "at_work": run.is_at_work(),
         "written": report.written or None,
-        "error": report.last_words or None,
+        "error": report.error or None,
         "summary": report.summary or None,
     }
 

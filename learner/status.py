@@ -37,8 +37,8 @@ from learner.telemetry.formats import (
     fill,
     one_line,
     played,
+    reading_and_bound,
     scores,
-    verdict,
 )
 from learner.telemetry.health_checks import reasons
 from replay.chunk_statistics import ReplayProgress
@@ -52,7 +52,7 @@ _LEAST_PATIENCE, _MAX_PATIENCE = 2.0, 3_600.0
 class StatusOptions:
     """Show how a run is doing: its processes, their rates and lag, and what is wrong."""
 
-    local: Annotated[Path | None, tyro.conf.Positional, tyro.conf.arg(metavar="[RUN]")] = None
+    target: Annotated[Path | None, tyro.conf.Positional, tyro.conf.arg(metavar="[RUN]")] = None
     """Run, by its name or its folder on this machine. If nobody works at it here any more, the
     answer is how far it came."""
     connect: str | None = None
@@ -139,14 +139,14 @@ class Report:
             ):
                 say(fill(line, values))
             say(scores(values))
-            if not _has_actor(learner):
+            if not _has_actor(learner) and values["run/phase"] != "finishing":
                 say(
                     "warning: nobody plays: start an actor by "
                     f"`ale-robot join --connect {self.endpoint}`"
                 )
             for check in learner.checks:
                 if check.passed is False and not check.stops:
-                    say(f"warning: {check.name} is {verdict(check)}: {check.why}")
+                    say(f"warning: {check.name} is {reading_and_bound(check)}: {check.why}")
         for reason in self.reasons:
             say(f"RED: {reason}", "red")
         if not self.reasons:
@@ -222,7 +222,7 @@ def _show_ended(run: FolderReport, *, as_json: bool) -> int:
     """Prints what is left of a run; returns the exit code."""
     if as_json:
         told = {"run": run.name, "healthy": False, "reasons": [run.reason], "version": VERSION}
-        told |= {"ended": run.written or None, "error": run.last_words or None}
+        told |= {"ended": run.written or None, "error": run.error or None}
         told |= {"summary": run.summary or None}
         print(dumps(told))
     else:
@@ -237,8 +237,8 @@ def _placed(options: StatusOptions, folder: RunFolder | None) -> StatusOptions:
     newest, name = None, options.run
     if folder is not None:
         newest, name = NewestLearner.of(folder), folder.name
-    elif options.local is not None:
-        name = options.local.name
+    elif options.target is not None:
+        name = options.target.name
     found = replace(
         options,
         run=name,
@@ -262,12 +262,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Prints the status of a run; returns the exit code, which says whether the run is healthy."""
     given = sys.argv[1:] if arguments is None else arguments
     options = parse(StatusOptions, "learner.status", given)
-    if options.local is not None and options.run is not None:
-        told = f"--run {options.run} names a run beside {options.local}: omit one of them."
+    if options.target is not None and options.run is not None:
+        told = f"--run {options.run} names a run beside {options.target}: omit one of them."
         raise InputError(told)
     # With an address the run may be anywhere.
-    here = options.local if options.connect is None else None
-    folder = None if here is None else RunFolder.existing(here)
+    here = options.target if options.connect is None else None
+    folder = None if here is None else RunFolder.existing(here).resolved()
     if folder is not None and not folder.is_at_work():
         return _show_ended(FolderReport.of(folder), as_json=options.json)
     placed = _placed(options, folder)

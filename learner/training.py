@@ -103,7 +103,7 @@ class Learner:
                 end.callback(children.ask_to_leave)
                 end.callback(self.replay.drain)  # lets throttled actors hand in their last chunks
             if self.done:
-                tests = ", and tests are left" if self.evaluation.pending else ""
+                tests = ", and tests are left" if self.has_tests_to_come else ""
                 self.telemetry.say(
                     f"The run has its {self.steps_goal:,} steps already{tests}: give more --steps, "
                     "or omit the flag, to train on."
@@ -382,6 +382,23 @@ class Learner:
         steps = self.steps_goal - self.config.replay.learning_starts
         return self.phases.updates >= steps // self.config.learning.train_period
 
+    @property
+    def has_tests_to_come(self) -> bool:
+        """Whether evaluators still have to play: tests are left, or the run's end makes one."""
+        return bool(self.evaluation.pending) or self._phase_counts or self._lacks_first_epoch
+
+    @property
+    def _phase_counts(self) -> bool:
+        """Whether the present phase is an epoch of its own if the run ends now."""
+        return self.phases.phase_steps >= _LEAST_PHASE * self.phases.phase_length
+
+    @property
+    def _lacks_first_epoch(self) -> bool:
+        """Whether all steps were of the warm-up, as where demonstrations have as many as the run:
+        an epoch without steps then stands for what they have taught. A learner that was killed
+        after the warm-up's end makes it when it is resumed."""
+        return self.phases.epoch == 1 and self.phases.phase_steps == 0
+
     def _conclude(self) -> None:
         """Lets the actors hand in their last chunks, and has the last epoch tested."""
         self._batches.close()
@@ -395,11 +412,8 @@ class Learner:
             stop=self.stop,
         )
         farewell.wait_for_actors()
-        if self.phases.phase_steps >= _LEAST_PHASE * self.phases.phase_length:
+        if self._phase_counts:
             self._end_phase()
-        if self.phases.epoch == 1 and self.phases.phase_steps == 0:
-            # All steps were of the warm-up, as where demonstrations have as many as the run: an
-            # epoch without steps, for what they have taught. A learner that was killed after the
-            # warm-up's end makes it when it is resumed.
+        if self._lacks_first_epoch:
             self._end_phase()
         farewell.wait_for_evaluators()

@@ -25,6 +25,7 @@ from common.atomic_file import write_json
 from common.checked import Fraction, FromOne
 from common.errors import InputError
 from common.press_latency import ms_of
+from common.process.command_line import flag_in
 from common.registry import ROBOTS
 from common.run.conditions import MAX_ADDED
 from common.run.config import RunConfig
@@ -80,7 +81,7 @@ class Options(PlayingOptions):
         if self.robot is not None:
             ROBOTS.find(self.robot)
         try:
-            given = {flag.partition("=")[0] for flag in shlex.split(self.flags)}
+            given = set(map(flag_in, shlex.split(self.flags)))
         except ValueError as error:
             raise InputError(f"--flags is {self.flags!r} ({error}): quote it whole.") from None
         own = {*cell_flags(0, "nominal", 0.0, "nao"), "--robot", *_OWN}

@@ -112,10 +112,16 @@ PRESENT_FLAGS = {
 _GONE = {flag_of(field, on)[0] for field in REMOVED for on in (True, False)}
 
 
+def flag_in(argument: str) -> str:
+    """Returns the flag in an argument of a command line, as help writes it; other arguments as they
+    are."""
+    return argument.partition("=")[0].replace("_", "-")
+
+
 def _refuse_former_flags(arguments: Sequence[str]) -> None:
     """Raises InputError for a flag of a former version, with its present name if there is one."""
     for argument in arguments:
-        former = argument.partition("=")[0].replace("_", "-")
+        former = flag_in(argument)
         if former in _GONE:
             raise InputError(f"{former} is gone, because no result was better with it: omit it.")
         if former in PRESENT_FLAGS:
@@ -126,6 +132,6 @@ def _refuse_flags_of_others(kind: Any, arguments: Sequence[str]) -> None:
     """Raises InputError for a flag that ``kind`` knows as another program's, with what to do."""
     elsewhere: Mapping[str, str] = getattr(kind, "ELSEWHERE", {})
     for argument in arguments:
-        flag = argument.partition("=")[0].replace("_", "-")
+        flag = flag_in(argument)
         if flag in elsewhere:
             raise InputError(f"{flag} {elsewhere[flag]}.")

@@ -82,7 +82,7 @@ def as_flag(setting: str, config: RunConfig) -> str:
 
 
 def as_argument(setting: str, config: RunConfig) -> str:
-    """Returns, as in Python, that ``setting`` has its value in ``config``: ``game='pong'``."""
+    """Returns ``setting`` and its value in ``config`` as an argument of Python: ``game='pong'``."""
     return f"{setting}={attrgetter(setting)(config)!r}"
 
 

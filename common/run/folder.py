@@ -104,17 +104,18 @@ class RunFolder:
 
     @classmethod
     def existing(cls, path: Path) -> Self:
-        """Returns the run that `named` finds, by the path that no link leads to. Raises InputError
-        if there is none."""
+        """Returns the run that `named` finds. Raises InputError if there is none."""
         if (run := cls.named(path)) is None:
             names = [each.name for each in cls.all_in(RUNS)]
             there = f"{RUNS.resolve()} has {', '.join(names[:MAX_LISTED]) or 'none'}"
             meant = choice(path.name, names, f"name one, or its folder; {there}.")
             raise InputError(f"{path} is not a run: {meant}")
-        if not run.path.is_symlink():
-            return run
-        real = run.path.resolve()
-        return cls(real.parent, real.name)
+        return run
+
+    def resolved(self) -> Self:
+        """Returns the same run, by the path that no link leads to."""
+        real = self.path.resolve()
+        return type(self)(real.parent, real.name)
 
     @classmethod
     def all_in(cls, runs: Path) -> list[Self]:

@@ -5,7 +5,7 @@ import shlex
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Annotated, Self
+from typing import Annotated, Literal, Self
 
 from pydantic import StringConstraints
 
@@ -16,6 +16,10 @@ from common.run.folder import RunFolder
 
 _Text = Annotated[str, StringConstraints(max_length=2**17)]
 """A path or a command line, as long as Linux takes one."""
+
+
+Ended = Literal["done", "stopped"]
+"""A run has all its steps, or was stopped before."""
 
 
 @dataclass(frozen=True)
@@ -29,11 +33,13 @@ class NewestLearner:
     certificates: _Text | None
     """Folder of the learner's certificates; None without them."""
     directory: _Text
-    """Working directory, in which `go_on` is meant."""
-    go_on: _Text
+    """Working directory, in which `resume_command` is meant."""
+    resume_command: _Text
     """Command that continues the run."""
     keeps_snapshots: bool
     """Whether each epoch's weights stay in the run's ``snapshots/``."""
+    ended: Ended | None = None
+    """How it ended; None while it works, or if an error or a kill ended it."""
 
     @classmethod
     def of(cls, folder: RunFolder) -> Self | None:
@@ -48,7 +54,11 @@ class NewestLearner:
     def command(self) -> str:
         """Command that continues the run from the present working directory."""
         here = Path.cwd() == Path(self.directory)
-        return self.go_on if here else f"cd {shlex.quote(self.directory)} && {self.go_on}"
+        return (
+            self.resume_command
+            if here
+            else f"cd {shlex.quote(self.directory)} && {self.resume_command}"
+        )
 
     def write(self, folder: RunFolder) -> None:
         """Writes it into the run's folder."""

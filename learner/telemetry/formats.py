@@ -45,7 +45,7 @@ def reading(check: HealthCheck) -> str:
     return written("significant", check.value)
 
 
-def verdict(check: HealthCheck) -> str:
+def reading_and_bound(check: HealthCheck) -> str:
     """Returns value and bound of a red health check: ``90.00, not ≤ 66``, ``10, not 0``."""
     return f"{reading(check)}, not {check.bound.removeprefix('= ')}"
 

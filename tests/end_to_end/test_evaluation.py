@@ -1,4 +1,4 @@
-"""`python -m learner --evaluate`: whole games by a network on disk, in several processes."""
+"""`python -m learner.evaluation`: whole games by a network on disk, in several processes."""
 
 import json
 from dataclasses import replace
@@ -32,7 +32,7 @@ def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def _evaluate(stage: Stage, *arguments: object, status: int = 0) -> str:
     """What the command prints."""
-    return stage.start("-m", "learner", "--evaluate", *map(str, arguments)).ends(status)
+    return stage.start("-m", "learner.evaluation", *map(str, arguments)).ends(status)
 
 
 def test_games_are_played_to_their_ends_and_summed_up(
@@ -113,6 +113,13 @@ def test_what_does_not_fit_other_settings_is_told(run: Path, stage: Stage) -> No
         ("--play.vector", "trained with 0 numbers of proprioception"),
     ):
         assert words in _evaluate(stage, run / "snapshots" / "best.safetensors", flag, status=2)
+
+
+def test_the_former_command_still_evaluates(run: Path, stage: Stage) -> None:
+    weights = str(run / "snapshots" / "best.safetensors")
+    short = ("--games", "1", "--play.max-game-frames", "400")
+    told = stage.start("-m", "learner", "--evaluate", weights, *short).ends(0)
+    assert "interquartile mean" in told
 
 
 def test_what_is_no_network_is_told(run: Path, tmp_path: Path, stage: Stage) -> None:

@@ -35,7 +35,7 @@ def test_a_published_policy_plays_as_its_card_says(stage: Stage, card: Path) -> 
     told, *_ = evaluation.get("rows", [evaluation])  # a former card has one
     weights = card.with_suffix(".safetensors")
     stage.start(
-        *("-m", "learner", "--evaluate", str(weights), "--games", str(GAMES), "--seed", "77"),
+        *("-m", "learner.evaluation", str(weights), "--games", str(GAMES), "--seed", "77"),
         *("--epsilon", str(told["epsilon"]), "--play.sticky", str(told.get("sticky", 0.0))),
         *("--json", "found.json"),
     ).ends()

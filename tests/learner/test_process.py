@@ -96,7 +96,7 @@ def test_a_learner_that_is_stopped_while_it_sends_demonstrations_publishes_no_we
     newest = NewestLearner.of(folder)
     assert newest is not None
     assert (newest.endpoint, newest.keeps_snapshots) == ("tcp/127.0.0.1:1", stopped)
-    assert newest.go_on.endswith("--run r --resume")
+    assert newest.resume_command.endswith("--run r --resume")
     assert folder.demonstrations.read_bytes() == (b"begun" if stopped else b"complete")
 
 
@@ -123,12 +123,13 @@ def test_a_learner_says_where_it_is_found_and_how_its_run_goes_on(
 
 
 @pytest.mark.parametrize(
-    ("done", "pending", "children"), [(False, 0, (2, 1)), (True, 3, (0, 1)), (True, 0, (0, 0))]
+    ("done", "tests", "children"),
+    [(False, False, (2, 1)), (True, True, (0, 1)), (True, False, (0, 0))],
 )
 def test_a_run_that_has_its_steps_starts_nobody_whom_it_does_not_need(
-    done: bool, pending: int, children: tuple[int, int]
+    done: bool, tests: bool, children: tuple[int, int]
 ) -> None:
-    learner: Any = Mock(done=done, evaluation=Mock(pending=pending))
+    learner: Any = Mock(done=done, has_tests_to_come=tests)
     needed = process.needed_children(LearnerOptions(RunConfig(), actors=2), learner)
     assert (needed.actors, needed.evaluators) == children
 

@@ -3,6 +3,7 @@
 import json
 import os
 import time
+from datetime import date
 from pathlib import Path
 from typing import Any
 
@@ -10,26 +11,32 @@ import pytest
 
 from common.process.log_lines import kept_log
 from common.run.folder import RunFolder
-from common.run.newest_learner import NewestLearner
+from common.run.newest_learner import Ended, NewestLearner
 from common.run.presets import PRESETS
 from learner.runs import main
+
+YEAR = date.today().year
 
 
 @pytest.fixture
 def runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A working directory with an ended run, one that failed, one without figures, one that is at
     work, and what is no run."""
-    monkeypatch.setenv("COLUMNS", "80")
+    monkeypatch.setenv("COLUMNS", "100")
     monkeypatch.chdir(tmp_path)
-    for name in ("busy", "ended", "failed", "new"):
+    for name in ("busy", "done", "ended", "failed", "killed", "new"):
         folder = RunFolder(Path("runs"), name)
         folder.path.mkdir(parents=True)
         folder.config_file.write_text("{}")
-    for name, steps in (("busy", 5_000), ("ended", 1_200_000), ("failed", 300)):
+    write_newest("done", ended="done")
+    write_newest("killed")
+    played = (("busy", 5_000), ("done", 9), ("ended", 1_200_000), ("failed", 300), ("killed", 8))
+    for name, steps in played:
         summary = RunFolder(Path("runs"), name).summary
         told = {"env": "robot", "game": "pong", "agent_steps": steps, "wall_seconds": 3_630.0}
         summary.write_text(json.dumps({**told, "train_reward": 18.0, "best_test_reward": -2.5}))
-        os.utime(summary, (0, time.mktime((2026, 11, 29, 7, 57, 0, 0, 0, -1))))
+        year = 2024 if name == "killed" else YEAR
+        os.utime(summary, (0, time.mktime((year, 11, 29, 7, 57, 0, 0, 0, -1))))
     with (
         pytest.raises(ValueError, match="boom"),
         kept_log(Path("runs/failed/logs/learner.jsonl"), "learner"),
@@ -41,10 +48,19 @@ def runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "runs"
 
 
+def write_newest(name: str, address: str = "tcp/h:1", ended: Ended | None = None) -> RunFolder:
+    """Writes what the newest learner of a run says of itself; returns the run."""
+    folder = RunFolder(Path("runs"), name)
+    real = str(folder.path.resolve())
+    NewestLearner(real, address, None, "/", "go on", keeps_snapshots=False, ended=ended).write(
+        folder
+    )
+    return folder
+
+
 def claimed(address: str) -> RunFolder:
     """The run at which this process works from now on."""
-    folder = RunFolder(Path("runs"), "busy")
-    NewestLearner(str(folder.path.resolve()), address, None, "/", "go on", False).write(folder)
+    folder = write_newest("busy", address)
     folder.config_file.unlink()
     folder.claim("learner", PRESETS["fast"], resume=False)
     return folder
@@ -68,8 +84,10 @@ def test_each_run_has_its_figures_and_its_state(
     assert set(rule) == {"─"}
     assert [" ".join(row.split()) for row in rows] == [
         f"busy pong (robot) 5,000 1:00:30 18.00 −2.50 {state}",
+        "done pong (robot) 9 1:00:30 18.00 −2.50 done 11-29 07:57",
         "ended pong (robot) 1,200,000 1:00:30 18.00 −2.50 ended 11-29 07:57",
         "failed pong (robot) 300 1:00:30 18.00 −2.50 failed 11-29 07:57",
+        "killed pong (robot) 8 1:00:30 18.00 −2.50 killed 2024-11-29 07:57",
         "new – – – – – ended",
     ]
     assert last == "One of them: ale-robot status RUN"
@@ -85,20 +103,32 @@ def test_the_list_as_json_has_all_figures(
     monkeypatch.chdir(elsewhere)
     main([str(runs), "--json"])
     told: list[dict[str, Any]] = json.loads(capsys.readouterr().out)
-    assert [each["run"] for each in told] == ["busy", "ended", "failed", "new"]
-    assert [each["at_work"] for each in told] == [True, False, False, False]
-    assert [each["error"] for each in told] == [None, None, "boom", None]
-    assert told[1]["folder"] == str(runs / "ended")
-    assert (told[1]["written"], told[1]["summary"]["agent_steps"]) == (
-        "2026-11-29 07:57",
+    assert [each["run"] for each in told] == ["busy", "done", "ended", "failed", "killed", "new"]
+    assert [each["at_work"] for each in told] == [True, *[False] * 5]
+    assert [each["error"] for each in told] == [None, None, None, "boom", None, None]
+    del told[:2], told[2]
+    assert told[0]["folder"] == str(runs / "ended")
+    assert (told[0]["written"], told[0]["summary"]["agent_steps"]) == (
+        f"{YEAR}-11-29 07:57",
         1_200_000,
     )
-    assert (told[3]["written"], told[3]["summary"]) == (None, None)
+    assert (told[2]["written"], told[2]["summary"]) == (None, None)
     monkeypatch.chdir(tmp_path)
     assert folder.is_at_work()
 
 
-def test_a_folder_without_runs_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    told = f"There are no runs in {tmp_path}: `ale-robot train` begins one."
-    assert listed(capsys, str(tmp_path)) == [told]
+def test_a_folder_without_runs_is_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert listed(capsys, str(tmp_path)) == [f"There are no runs in {tmp_path}."]
     assert listed(capsys, str(tmp_path), "--json") == ["[]"]
+    monkeypatch.chdir(tmp_path)
+    told = f"There are no runs in {tmp_path}/runs: `ale-robot train` begins one."
+    assert listed(capsys) == [told]
+
+
+def test_runs_of_another_folder_are_asked_by_their_folder(
+    runs: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir("/")
+    assert listed(capsys, str(runs))[-1] == f"One of them: ale-robot status {runs}/RUN"

@@ -253,7 +253,7 @@ def test_a_run_that_stopped_itself_tells_why(
 
 @pytest.mark.parametrize(
     "content",
-    ["", "{", "[1]", "7", '{"epoch": "three", "wall_seconds": true}']
+    ["", "{", "[1]", "7", '{"epoch": "three", "wall_seconds": true}', '{"env": "{x}", "game": "g"}']
     + [
         f'{{"epoch": {number}, "wall_seconds": {number}, "train_reward": {number}}}'
         for number in ("NaN", "Infinity", "1" + 400 * "0", "true")
@@ -279,7 +279,9 @@ def test_what_is_left_of_a_damaged_run_is_told(
 
 def test_a_run_in_another_folder_goes_on_from_there(ended: RunFolder, tmp_path: Path) -> None:
     there = FolderReport.of(RunFolder(tmp_path / "elsewhere", "first"))
-    assert there.go_on == f"ale-robot train --runs {tmp_path}/elsewhere --run first --resume"
+    assert (
+        there.resume_command == f"ale-robot train --runs {tmp_path}/elsewhere --run first --resume"
+    )
 
 
 ADDRESS = "tcp/127.0.0.1:7555"
@@ -363,12 +365,17 @@ def test_a_run_goes_on_by_the_command_of_its_newest_learner(
 
     newest_of(ended).write(ended)
     assert told() == "`make train`"
-    replace(newest_of(ended), go_on="x\x1b[2J" + "y" * 3_000).write(ended)
+    replace(newest_of(ended), resume_command="x\x1b[2J" + "y" * 3_000).write(ended)
     assert told() == "`x [2J" + "y" * 3_000 + "`"
     replace(newest_of(ended), directory="/else where").write(ended)
     assert told() == "`cd '/else where' && make train`"
     shutil.copytree("runs/first", "runs/second")  # going on with that is not going on with this
     assert told("second") == "`ale-robot train --run second --resume`"
+    replace(newest_of(ended), ended="done").write(ended)
+    main(["first"])
+    assert capsys.readouterr().out.splitlines()[-1] == (
+        "run first has all its steps: train on with `make train`"
+    )
     ended.newest_learner.write_text('{"endpoint": 5}')  # damaged
     assert f"go on with {told()}" in GO_ON
 

@@ -221,7 +221,9 @@ def _changed_checks(last: Snapshot | None, snapshot: Snapshot) -> list[str]:
     lines = []
     for check in snapshot.checks:
         if check.passed is False and check.name not in before:
-            lines.append(f"HEALTH CHECK RED: {check.name} is {formats.verdict(check)}: {check.why}")
+            lines.append(
+                f"HEALTH CHECK RED: {check.name} is {formats.reading_and_bound(check)}: {check.why}"
+            )
         if check.passed and check.name in before:
             lines.append(f"health check green again: {check.name} is {formats.reading(check)}")
     return lines

@@ -13,6 +13,7 @@ from benchmarks.lab.policy import evaluate
 from benchmarks.lab.robustness import OPTICS, cell_flags
 from benchmarks.report import run
 from common.errors import InputError
+from common.process.command_line import flag_in
 from common.process.played import parse_played
 from common.run.config import RunConfig
 from common.run.ranges import RandomiseConfig
@@ -171,8 +172,15 @@ def test_other_settings_may_be_given_for_all_cells(games: Games, tmp_path: Path)
     content = grid(tmp_path / "grid.json", "--flags=--play.equal-latency 17", "--optics", "nominal")
     assert content["flags"] == "--play.equal-latency 17"
     assert {each["--play.equal-latency"] for each in games.flags} == {"17"}
-    for own in ("--camera.noise=3", "--seed 2", "--headline", "--play.robot nao", "--robot nao"):
-        with pytest.raises(InputError, match=rf"^--flags names {own.split('=')[0].split()[0]}, wh"):
+    for own in (
+        "--camera.noise=3",
+        "--play.actuation_latency 3",
+        "--seed 2",
+        "--headline",
+        "--play.robot nao",
+        "--robot nao",
+    ):
+        with pytest.raises(InputError, match=rf"^--flags names {flag_in(own.split()[0])}, wh"):
             grid(tmp_path / "refused.json", f"--flags={own}")
     with pytest.raises(InputError, match=r"^--flags is \"'\" \(No closing quotation\): quote it"):
         grid(tmp_path / "refused.json", "--flags='")
