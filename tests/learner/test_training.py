@@ -889,16 +889,37 @@ def test_a_kill_before_that_test_puts_it_off_to_the_resumed_run() -> None:
     run(killed, steps_goal=300)
     state = next(each for each in killed.checkpoints if each["rows"] == 1)
     assert state["updates"] == 50
-    for _ in range(2):
+    for again in (False, True):
         world = World(chunks=killed.chunks, chunk_steps=0)
         world.rows, world.first, world.updates = killed.rows[: state["rows"]], 1, 50
         learner = world.learner(steps_goal=300)
         learner.restore(state)
         learner.start()
+        assert learner.done
+        assert learner.has_tests_to_come is not again  # although none is left at first
+        assert not learner.evaluation.pending
         learner.run()
+        assert not learner.has_tests_to_come
         rows = [(row.phase, row.epoch, row.steps) for row in world.rows]
         assert rows == [("random", 0, 400), ("train", 1, 0), ("test", 1, 50)]
         killed, state = world, world.checkpoints[-1]  # and that all is tested once
+
+
+@pytest.mark.parametrize(("steps", "comes"), [(420, True), (312, False)])
+def test_the_part_of_an_epoch_with_which_a_resumed_run_ends_is_tested_if_it_is_a_tenth(
+    steps: int, comes: bool
+) -> None:
+    """It was stopped within its second epoch, and is resumed with fewer --steps."""
+    world = World()
+    world.once(lambda: world.agent_steps >= steps, world.stop.set)
+    run(world, steps_goal=900)
+    state = world.checkpoints[-1]
+    learner = world.learner(steps_goal=300)
+    world.stop.clear()
+    learner.restore({**state, "tests": []})
+    learner.start()
+    assert (learner.phases.epoch, learner.phases.phase_steps >= 20) == (2, comes)
+    assert learner.has_tests_to_come is comes
 
 
 def test_a_learner_that_gets_no_minibatch_after_the_last_step_does_not_wait_for_ever() -> None:
