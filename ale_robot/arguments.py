@@ -4,8 +4,8 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from common.checked import Invalid, build
 from common.errors import InputError
+from common.run.stored_config import from_mapping
 
 T = TypeVar("T")
 
@@ -13,10 +13,7 @@ T = TypeVar("T")
 def check_argument(kind: type[T], value: Any, name: str) -> T:
     """Returns ``value``, a number of NumPy's as one of Python's. Raises InputError if it is not of
     its declared ``kind``, such as `Fraction`."""
-    try:
-        return build(kind, value.item() if isinstance(value, np.generic) else value, name)
-    except Invalid as error:
-        raise InputError(f"{error}.") from None
+    return from_mapping(kind, value.item() if isinstance(value, np.generic) else value, name)
 
 
 def check_settings(kind: type, value: object, name: str) -> None:

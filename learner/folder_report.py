@@ -12,6 +12,7 @@ from common.metrics import METRICS, Metric, Value
 from common.regular_file import read_file
 from common.run.folder import RUNS, RunFolder
 from common.run.newest_learner import Ended, NewestLearner
+from common.transport.endpoint import DEFAULT_ENDPOINT
 from learner.telemetry.formats import fill, played, scores
 
 
@@ -30,6 +31,8 @@ class FolderReport:
     """Error with which its learner ended; empty if there was none."""
     ended: Ended | Literal["killed", "ended"] = "ended"
     """How its learner ended if there was no error; "ended" of one that does not say how."""
+    endpoint: str = DEFAULT_ENDPOINT
+    """Address at which its newest learner is or was found."""
 
     @classmethod
     def of(cls, folder: RunFolder) -> Self:
@@ -53,7 +56,8 @@ class FolderReport:
             last = json.loads(read_file(folder.logs / "learner.jsonl").splitlines()[-1])
             error = str(last["message"]) if last["level"] == "error" else ""
         ended = "ended" if newest is None else newest.ended or "killed"
-        return cls(folder.name, resume_command, summary, written, error, ended)
+        endpoint = DEFAULT_ENDPOINT if newest is None else newest.endpoint
+        return cls(folder.name, resume_command, summary, written, error, ended, endpoint)
 
     @property
     def reason(self) -> str:

@@ -15,7 +15,6 @@ from rich.table import Column, Table
 from common.process.command_line import parse
 from common.process.program_end import exit_on_input_error
 from common.run.folder import RUNS, RunFolder
-from common.run.newest_learner import NewestLearner
 from common.strict_json import dumps
 from common.transport.endpoint import DEFAULT_ENDPOINT
 from learner.folder_report import FolderReport
@@ -74,9 +73,8 @@ def _row(run: RunFolder) -> tuple[str, ...]:
 def _state(run: RunFolder, report: FolderReport) -> str:
     """Returns where somebody works at a run; or when it ended, and whether by an error."""
     if run.is_at_work():
-        newest = NewestLearner.of(run)
-        address = DEFAULT_ENDPOINT if newest is None else newest.endpoint
-        return "at work" if address == DEFAULT_ENDPOINT else f"at work at {address}"
+        address = "" if report.endpoint == DEFAULT_ENDPOINT else f" at {report.endpoint}"
+        return f"at work{address}"
     when = report.written.removeprefix(f"{date.today():%Y}-")
     return f"{report.how} {when}".strip()
 

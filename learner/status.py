@@ -132,12 +132,12 @@ class Report:
             table.add_row(*map(one_line, row))
         console.print(table)
         if learner is not None:
-            for line in (
+            stream = (
                 "staleness {stream/staleness_p50}/{stream/staleness_p95} updates (p50/p95); "
                 "samples per insert {stream/samples_per_insert} of "
-                "{stream/samples_per_insert_goal}; {stream/steps_per_second} steps/s",
-            ):
-                say(fill(line, values))
+                "{stream/samples_per_insert_goal}; {stream/steps_per_second} steps/s"
+            )
+            say(fill(stream, values))
             say(scores(values))
             if not _has_actor(learner) and values["run/phase"] != "finishing":
                 say(

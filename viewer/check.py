@@ -90,7 +90,7 @@ class Check(Played):
             console.print(_checks_table(judged, title))
             if isinstance(env, CheckedEnv):
                 console.print(
-                    f"Actions, states and rewards are as a replay needs them; "
+                    "Actions, states and rewards are as a replay needs them; "
                     f"{counted(games, 'game')} ended within these steps."
                 )
             if isinstance(env, RobotEnv) and (found := _changes(env, config.seed, stop)):

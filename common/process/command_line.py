@@ -11,7 +11,6 @@ from typing import Annotated, Any, TypeVar, get_type_hints
 
 import tyro
 
-from common.checked import Invalid, build
 from common.errors import InputError
 from common.process.config_file import with_file
 from common.process.exit_codes import table
@@ -19,7 +18,7 @@ from common.process.first_flags import read_first
 from common.process.flag_errors import as_sentence
 from common.process.help_text import wrapped
 from common.run.origin import find_weights
-from common.run.stored_config import REMOVED, RENAMED, flag_of
+from common.run.stored_config import REMOVED, RENAMED, flag_of, from_mapping
 from common.version import VERSION
 
 WeightsFile = Annotated[
@@ -97,10 +96,7 @@ def check_bounds(options: Any) -> None:
     for name in (field.name for field in dataclasses.fields(options)):
         value = getattr(options, name)
         if not (dataclasses.is_dataclass(value) or isinstance(value, str)):
-            try:
-                build(hints[name], value, f"--{name.replace('_', '-')}")
-            except Invalid as error:
-                raise InputError(f"{error}.") from None
+            from_mapping(hints[name], value, f"--{name.replace('_', '-')}")
 
 
 PRESENT_FLAGS = {

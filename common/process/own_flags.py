@@ -10,6 +10,9 @@ from common.run.meanings import bounds, docstrings
 from common.run.own_settings import EXTENSIONS, defaults_of, written
 from common.run.stored_config import flag_of
 
+HELP = ("-h", "--help")
+"""Flags that ask for a program's help."""
+
 
 def going_on_from(before: Mapping[str, Any], arguments: Sequence[str]) -> list[str]:
     """Returns ``arguments`` whose own settings of extensions go on from those ``before``: what they
@@ -32,7 +35,7 @@ def own_help(arguments: Sequence[str]) -> str:
     """Returns what ``--help`` says of the own settings of the extensions that ``arguments`` choose:
     each with its default, bounds and meaning. Raises InputError for an unknown extension."""
     known, rest = _split(arguments)
-    if not {"-h", "--help"} & {*rest}:
+    if not {*HELP} & {*rest}:
         return ""
     lines = []
     for extension in EXTENSIONS:

@@ -15,7 +15,7 @@ from common.errors import InputError
 from common.process.command_line import parse
 from common.process.config_file import with_file
 from common.process.first_flags import read_first
-from common.process.own_flags import going_on_from, own_help
+from common.process.own_flags import HELP, going_on_from, own_help
 from common.registry import ENVIRONMENTS
 from common.run.conditions import CameraConfig, PlayConfig
 from common.run.config import RunConfig, Seed
@@ -95,7 +95,6 @@ class Played:
             print(f"other than trained: {changes}")
 
 
-_HELP = ("-h", "--help")
 P = TypeVar("P", bound=Played)
 
 
@@ -116,7 +115,7 @@ def parse_played(kind: type[P], program: str, arguments: Sequence[str]) -> P:
         arguments = [argument for argument in arguments if argument != ALL_RANGES]
     known, _ = read_first(arguments, {"env": ["--env"]})
     usual = settings_of(None, known.get("env", RunConfig.env))
-    flags = [argument for argument in arguments if argument not in _HELP]
+    flags = [argument for argument in arguments if argument not in HELP]
     try:
         command = _parse(kind, program, flags, usual)
         trained = settings_of(command.network, command.env)

@@ -53,12 +53,9 @@ class NewestLearner:
     @property
     def command(self) -> str:
         """Command that continues the run from the present working directory."""
-        here = Path.cwd() == Path(self.directory)
-        return (
-            self.resume_command
-            if here
-            else f"cd {shlex.quote(self.directory)} && {self.resume_command}"
-        )
+        if Path.cwd() == Path(self.directory):
+            return self.resume_command
+        return f"cd {shlex.quote(self.directory)} && {self.resume_command}"
 
     def write(self, folder: RunFolder) -> None:
         """Writes it into the run's folder."""

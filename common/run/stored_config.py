@@ -81,8 +81,9 @@ def flag_of(setting: str, value: Any) -> list[str]:
 
 
 def from_mapping(kind: type[T], data: Any, where: str = "config", *, fill: bool = False) -> T:
-    """Returns a configuration dataclass ``kind``, built strictly from plain data. Raises InputError
-    if a field is missing, unknown, of the wrong type or out of bounds; ``where`` names the place.
+    """Returns a configuration dataclass ``kind``, or one setting of a declared ``kind``, built
+    strictly from plain data. Raises InputError if a field is missing, unknown, of the wrong type or
+    out of bounds; ``where`` names the place.
 
     Args:
         fill: use the default of a field that is missing in a group, for files that are older than
