@@ -72,7 +72,8 @@ FREEZING, DARKENING, SOMETIMES = (
     ("env", "check"), [(FREEZING, "following frames"), (DARKENING, "valid frames")]
 )
 def test_a_camera_that_fails_ends_the_run(stage: Stage, env: Environment, check: str) -> None:
-    output = _learner(stage, env, "--steps=4000").ends(3)
+    # More steps than any machine plays before the check has been red for long enough.
+    output = _learner(stage, env, "--steps=200000").ends(3)
 
     (last,) = (line for line in output.splitlines() if line.startswith("stopped: "))
     assert f"health check '{check}' has been red for 0.1 minutes and 320 steps: " in last
