@@ -135,7 +135,8 @@ class QNetwork(nn.Module):
                 `as_pixels`, whose precision all layers then use.
             vectors: ``float32 [batch, P]``; P may be 0.
         """
-        return self.atoms(frames, vectors).mean(dim=2)
+        atoms = self.atoms(frames, vectors)
+        return atoms.squeeze(2) if atoms.shape[2] == 1 else atoms.mean(dim=2)
 
     def atoms(self, frames: Tensor, vectors: Tensor) -> Tensor:
         """Returns the last layer's outputs, ``float32 [batch, actions, atoms]``."""

@@ -73,12 +73,23 @@ extern "C" {
 // scale them.
 //
 //     mean += (1 - beta1) * (gradient - mean);  square += (1 - beta2) * (gradient^2 - square)
-//     weight -= rate * mean / (root * sqrt(square) + epsilon)
+//     weight -= rate / (1 - beta1^step) * mean / (sqrt(square / (1 - beta2^step)) + epsilon)
+//
+// Each tensor has its own number of steps, this one not included; all are equal.
 void adam_step(float* const weights[], const float* const gradients[], float* const means[],
-               float* const squares[], const long sizes[], int tensors, double max_norm, double rate,
-               double beta1, double beta2, double root, double epsilon, int threads) {
+               float* const squares[], float* const steps[], const long sizes[], int tensors,
+               double max_norm, double rate, double beta1, double beta2, double epsilon, int threads) {
     const std::vector<Block> blocks = blocks_of(sizes, tensors);
-    Coefficients coefficients{1, (float)(1 - beta1), (float)(1 - beta2), (float)rate, (float)root, (float)epsilon};
+    for (int t = 0; t < tensors; t++) *steps[t] += 1;
+    const double step = *steps[0];
+    Coefficients coefficients{
+        .scale = 1,
+        .to_mean = (float)(1 - beta1),
+        .to_square = (float)(1 - beta2),
+        .rate = (float)(rate / (1 - std::pow(beta1, step))),
+        .root = (float)(1 / std::sqrt(1 - std::pow(beta2, step))),
+        .epsilon = (float)epsilon,
+    };
     if (max_norm) {
         std::vector<double> sums(blocks.size());
         Deal dealt(blocks.size());

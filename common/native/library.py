@@ -22,7 +22,7 @@ from typing import Literal, get_args
 from common.process.output import visible
 
 _HERE = Path(__file__).parent
-_SOURCES = ("trunk.cpp", "adam.cpp")
+_SOURCES = ("trunk.cpp", "adam.cpp", "quantile_huber.cpp")
 _HEADERS = ("threads.h",)
 _FLAGS = (
     *("-std=c++20", "-O3", "-ffp-contract=fast", "-fno-math-errno"),
@@ -54,7 +54,8 @@ _ARGUMENTS = {
         *(c_void_p, c_void_p, c_long, c_void_p, c_void_p, c_void_p),
         *(c_long, c_int),
     ),
-    "adam_step": (*(c_void_p,) * 5, c_int, *(c_double,) * 6, c_int),
+    "adam_step": (*(c_void_p,) * 6, c_int, *(c_double,) * 5, c_int),
+    "quantile_huber": (c_void_p, c_void_p, c_long, c_int, c_int, c_void_p, c_void_p, c_int),
 }
 
 

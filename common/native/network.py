@@ -63,6 +63,8 @@ class NativeQNetwork(QNetwork):
                 raise ValueError(f"weights of {each.dtype} or in another layout")
         # Kept for all updates: 6 MB of new memory for each would cost more than the arithmetic.
         self._gradients = [torch.zeros_like(p) for p in (*self._weights, *self._biases)]
+        self._at = (addresses(self._weights), addresses(self._biases))
+        self._gradients_at = (addresses(self._gradients[:4]), addresses(self._gradients[4:]))
         self._kept: _Kept | None = None
         self.pack()
         # The hooks are those of ``master``, too.
@@ -84,7 +86,7 @@ class NativeQNetwork(QNetwork):
     def pack(self) -> None:
         """Takes over the present weights."""
         self._library.trunk_pack(
-            *(self._trunk, addresses(self._weights), addresses(self._biases)),
+            *(self._trunk, *self._at),
             *(self.hidden.in_features, self.pixel_scale, torch.get_num_threads()),
         )
 
@@ -141,15 +143,14 @@ class NativeQNetwork(QNetwork):
         kept, self._kept = self._kept, None
         if kept is None or kept.units.grad is None:
             return
-        weights, biases = self._gradients[:4], self._gradients[4:]
         of_units = kept.units.grad.contiguous()
         self._library.trunk_backward(
             *(self._trunk, kept.pixels.data_ptr(), len(of_units), of_units.data_ptr()),
-            *(addresses(weights), addresses(biases)),
+            *self._gradients_at,
             *(self.hidden.in_features, torch.get_num_threads()),
         )
         if kept.vector_weight.grad is not None:
-            weights[-1][:, _FEATURES:] = kept.vector_weight.grad
+            self._gradients[3][:, _FEATURES:] = kept.vector_weight.grad
         for parameter, gradient in zip(
             (*self._weights, *self._biases), self._gradients, strict=True
         ):

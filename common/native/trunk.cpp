@@ -227,7 +227,7 @@ struct Weights {
 };
 
 struct Activations {  // of one state
-    alignas(64) number a1[A1], a2[A2], a3[A3];
+    alignas(64) number a1[A1], a2[A2], a3[A3], features[FEATURES];
 };
 
 struct Gradients {
@@ -305,6 +305,9 @@ void convolve(const Weights& w, const number* a0, Activations& a) {
                          3 * C2 / GROUP);
             sums.write_relu(a.a3 + y * S3 * C3 + tile * TILE, C3);
         }
+    for (int c = 0; c < C3; c++)
+        for (int place = 0; place < S3 * S3; place++)
+            a.features[c * S3 * S3 + place] = a.a3[place * C3 + c];
 }
 
 // ------------------------------------------------------------------------------------ backward
@@ -452,16 +455,30 @@ class Trunk {
 
     void forward(const number* pixels, long states, bool keep, float* out, int threads) {
         if (keep) at_least(kept_, states);
-        at_least(features_, up(states, TILE) * TILE * FEATURES);
+        number* features = at_least(features_, states * FEATURES);
+        // [state / TILE][group of features][state][GROUP]
+        number* arranged = at_least(arranged_, up(states, TILE) * TILE * FEATURES);
         prepare(threads);
         Deal convolved(states);
         in_threads(threads, [&](int thread) {
             for (long i; convolved.next(i);) {
                 Activations& a = keep ? kept_[i] : scratch_[thread]->activations;
                 convolve(weights_, pixels + i * A0, a);
-                for (int c = 0, f = 0; c < C3; c++)
-                    for (int place = 0; place < S3 * S3; place++, f++)
-                        features_[feature_at(i, f, states)] = a.a3[place * C3 + c];
+                std::memcpy(features + i * FEATURES, a.features, sizeof a.features);
+            }
+        });
+        constexpr int LINE = 64 / sizeof(number);  // a cache line of each state's features at a time
+        Deal lines(states <= FEW ? 0 : up(states, TILE) * (FEATURES / LINE));
+        in_threads(threads, [&](int) {
+            for (long line; lines.next(line);) {
+                const long first = line / (FEATURES / LINE) * TILE, f = line % (FEATURES / LINE) * LINE;
+                const number* from = features + first * FEATURES + f;
+                number* to = arranged + first * FEATURES + f * TILE;
+                const long count = std::min<long>(states - first, TILE);
+                for (int g = 0; g < LINE; g += GROUP)
+                    for (long i = 0; i < count; i++)
+                        std::memcpy(to + g * TILE + i * GROUP, from + i * FEATURES + g,
+                                    GROUP * sizeof(number));
             }
         });
         Deal tiles(HIDDEN / ROWS);
@@ -496,14 +513,13 @@ class Trunk {
                     d_plain[i * HIDDEN + n];
         // Each share of the groups has its own sums, so that these do not depend on who is quicker.
         const long shares = std::min<long>(threads, groups);
-        Deal placed(groups * GROUP), panels(FEATURES / TILE), dealt(shares);
+        Deal placed(groups), panels(FEATURES / TILE), dealt(shares);
         in_threads(threads, [&](int) {
             for (long i; placed.next(i);) {
-                const Activations& a = kept_[std::min(i, states - 1)];  // d is 0 beyond the last one
-                for (int c = 0, f = 0; c < C3; c++)
-                    for (int place = 0; place < S3 * S3; place++, f++)
-                        a_groups[((f / TILE * groups + i / GROUP) * TILE + f % TILE) * GROUP +
-                                 i % GROUP] = a.a3[place * C3 + c];
+                const number* first = kept_[i * GROUP].features;
+                const number* last = kept_[std::min(i * GROUP + LAST, states - 1)].features;
+                for (int f = 0; f < FEATURES; f += TILE)  // d is 0 beyond the last state
+                    group(first + f, last + f, a_groups + (f * groups + i * TILE) * GROUP, TILE);
             }
         });
         in_threads(threads, [&](int thread) {
@@ -568,13 +584,6 @@ class Trunk {
                 group(rows + k, rows + LAST * PLACES * IN + k, to[k % IN / TILE][k / IN][n][0], TILE);
     }
 
-    // The place of a feature among those of few states, [state][feature], or of many,
-    // [state / TILE][group of features][state][GROUP].
-    static long feature_at(long state, int f, long states) {
-        if (states <= FEW) return state * FEATURES + f;
-        return state / TILE * TILE * FEATURES + (f / GROUP * TILE + state % TILE) * GROUP + f % GROUP;
-    }
-
     void dense_few(int n, long states, float* out) const {
         for (long i = 0; i < states; i++) {
             Sums<ROWS, 1> sums;
@@ -595,7 +604,7 @@ class Trunk {
         for (long first = 0; first < states; first += TILE) {
             Sums<ROWS> sums;
             sums.start_at_zero();
-            sums.add(weights_.dense[n], FEATURES, GROUP, features_.data() + first * FEATURES,
+            sums.add(weights_.dense[n], FEATURES, GROUP, arranged_.data() + first * FEATURES,
                      FEATURES / GROUP);
             float values[ROWS][TILE];
             sums.write(values[0], TILE);
@@ -635,7 +644,7 @@ class Trunk {
 
     Weights weights_{};
     std::vector<Activations> kept_;
-    std::vector<number> features_, d_plain_, d_groups_, a_groups_;
+    std::vector<number> features_, arranged_, d_plain_, d_groups_, a_groups_;
     std::vector<float> d_features_;
     std::vector<std::unique_ptr<Scratch>> scratch_;
     inline static const float no_gradients_[FEATURES]{};

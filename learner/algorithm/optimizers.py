@@ -1,8 +1,9 @@
 """The optimizers of the presets, and the bound on their gradients."""
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from ctypes import c_long
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from ctypes import CDLL, c_long
+from typing import Any
 
 import torch
 from torch import Tensor, nn
@@ -31,6 +32,8 @@ class BoundedOptimizer:
         self._optimizer = build_optimizer(self._parameters, config)
         self._config = config
         self._library = library(native) if native else None
+        self._compiled: _CompiledStep | None = None
+        """The step by the present slots; None before it, and where PyTorch has to take it."""
 
     def set_rate(self, updates: int) -> None:
         """Sets the learning rate to its value after ``updates`` of the run."""
@@ -47,25 +50,18 @@ class BoundedOptimizer:
             if weight.grad is not None and weight.grad.stride() != weight.stride():
                 # Either kernel, PyTorch's too, would read it in the parameter's layout.
                 weight.grad = torch.empty_like(weight).copy_(weight.grad).detach()
-        if self._can_step_natively():
-            if loss.isfinite():
-                self._step_natively()
+        if self._library is not None and self._compiled is None:
+            self._compiled = _CompiledStep.of(self._library, self._parameters, self._slots)
+        if self._compiled and all(weight.grad is not None for weight in self._parameters):
+            if math.isfinite(loss.item()):
+                self._compiled(self._optimizer.param_groups[0], self._config.gradient_norm)
             return
+        self._compiled = None  # the steps of weights without a gradient fall behind
         if self._config.gradient_norm:
             clip_gradients(self._parameters, self._config.gradient_norm)
         # The kernel itself checks this, so nothing waits for the device.
         self._optimizer.found_inf = (~loss.isfinite()).float()  # type: ignore[attr-defined]
         self._optimizer.step()
-
-    def _can_step_natively(self) -> bool:
-        """Returns whether the compiled code can take the step: all parameters are float32, and none
-        has ever lacked its gradient."""
-        if self._library is None or any(
-            weight.grad is None or weight.dtype != torch.float32 for weight in self._parameters
-        ):
-            return False
-        steps = {float(slots["step"]) for slots in map(self._slots, self._parameters)}
-        return len(steps) == 1
 
     def _slots(self, weight: nn.Parameter) -> dict[str, Tensor]:
         """Returns what the optimizer keeps of ``weight``; PyTorch makes it with its first step."""
@@ -73,30 +69,6 @@ class BoundedOptimizer:
         if not slots:
             slots |= new_slots(weight, steps=0)
         return slots
-
-    @torch.no_grad()
-    def _step_natively(self) -> None:
-        """Does what PyTorch's optimizer does, in one pass over memory (``adam.cpp``)."""
-        assert self._library is not None
-        gradients = [weight.grad for weight in self._parameters if weight.grad is not None]
-        group, slots = self._optimizer.param_groups[0], list(map(self._slots, self._parameters))
-        torch._foreach_add_([each["step"] for each in slots], 1)
-        steps, (beta1, beta2) = float(slots[0]["step"]), group["betas"]
-        self._library.adam_step(
-            addresses(self._parameters),
-            addresses(gradients),
-            addresses([each["exp_avg"] for each in slots]),
-            addresses([each["exp_avg_sq"] for each in slots]),
-            (c_long * len(slots))(*(weight.numel() for weight in self._parameters)),
-            len(slots),
-            self._config.gradient_norm,
-            group["lr"] / (1 - beta1**steps),
-            beta1,
-            beta2,
-            (1 - beta2**steps) ** -0.5,
-            group["eps"],
-            torch.get_num_threads(),
-        )
 
     def state(self) -> dict[str, Tensor]:
         """Returns the slots of each parameter as ``optimizer.INDEX.SLOT``."""
@@ -129,6 +101,44 @@ class BoundedOptimizer:
             raise ValueError(f"its {min(more)} is of no parameter")
         groups = self._optimizer.state_dict()["param_groups"]
         self._optimizer.load_state_dict({"state": slots, "param_groups": groups})
+        self._compiled = None  # it writes to the slots of before
+
+
+class _CompiledStep:
+    """What PyTorch's optimizer does, in one pass over memory (``adam.cpp``)."""
+
+    def __init__(
+        self, code: CDLL, weights: Sequence[nn.Parameter], slots: Sequence[dict[str, Tensor]]
+    ) -> None:
+        self._code = code
+        self._weights = weights
+        self._slots = slots  # so that they outlive the step, which has their addresses
+        names = "exp_avg", "exp_avg_sq", "step"
+        self._addresses = [addresses([each[name] for each in slots]) for name in names]
+        self._sizes = (c_long * len(weights))(*(weight.numel() for weight in weights))
+
+    @classmethod
+    def of(
+        cls,
+        code: CDLL,
+        weights: Sequence[nn.Parameter],
+        slots_of: Callable[[nn.Parameter], dict[str, Tensor]],
+    ) -> "_CompiledStep | None":
+        """Returns the step, or None if the code cannot take it: a weight is not float32, or one has
+        taken fewer steps than another."""
+        slots = [slots_of(weight) for weight in weights]
+        if any(weight.dtype != torch.float32 for weight in weights):
+            return None
+        return cls(code, weights, slots) if len({float(s["step"]) for s in slots}) == 1 else None
+
+    def __call__(self, group: Mapping[str, Any], max_norm: float) -> None:
+        """Moves all weights by their gradients, with the settings of ``group``."""
+        gradients = addresses([weight.grad for weight in self._weights if weight.grad is not None])
+        self._code.adam_step(
+            *(addresses(self._weights), gradients, *self._addresses, self._sizes),
+            *(len(self._weights), max_norm, group["lr"], *group["betas"], group["eps"]),
+            torch.get_num_threads(),
+        )
 
 
 def build_optimizer(

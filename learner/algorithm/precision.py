@@ -34,6 +34,7 @@ class Precision:
     def __init__(self, master: QNetwork) -> None:
         self.network: QNetwork = master
         """The network to compute with."""
+        self._parameters: list[Tensor] = list(master.parameters())
 
     def as_pixels(self, frames: Tensor) -> Tensor:
         """Returns uint8 frames as `network` takes them, see `QNetwork.as_pixels`."""
@@ -41,7 +42,8 @@ class Precision:
 
     def backward(self, loss: Tensor) -> None:
         """Computes the gradients of ``loss``, an output of `network`, for the master weights."""
-        self.network.zero_grad(set_to_none=True)
+        for parameter in self._parameters:  # `zero_grad` looks for them in every module
+            parameter.grad = None
         loss.backward()  # type: ignore[no-untyped-call]
 
     def sync_from_master(self) -> None:
@@ -56,7 +58,6 @@ class Bfloat16Precision(Precision):
     def __init__(self, master: QNetwork) -> None:
         super().__init__(_bfloat16_copy(master))
         self._masters: list[Tensor] = list(master.parameters())
-        self._copies: list[Tensor] = list(self.network.parameters())
         # The copy must follow when a checkpoint or a sync of the target loads whole weights.
         master.register_load_state_dict_post_hook(  # type: ignore[no-untyped-call]
             lambda *_: self.sync_from_master()
@@ -67,11 +68,11 @@ class Bfloat16Precision(Precision):
         for master in self._masters:
             if master.grad is None:
                 master.grad = torch.zeros_like(master)
-        torch._foreach_copy_(_gradients(self._masters), _gradients(self._copies))
+        torch._foreach_copy_(_gradients(self._masters), _gradients(self._parameters))
 
     @torch.no_grad()
     def sync_from_master(self) -> None:
-        torch._foreach_copy_(self._copies, self._masters)
+        torch._foreach_copy_(self._parameters, self._masters)
 
 
 class NativePrecision(Precision):

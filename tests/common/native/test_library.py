@@ -123,12 +123,13 @@ def test_other_instructions_another_source_or_compiler_is_compiled_anew(
 ) -> None:
     compiler.with_name("made").write_text("code")
     paths = {module._compiled("avx512_bf16")}
-    for number, file in enumerate((*module._SOURCES, *module._HEADERS)):
+    files = *module._SOURCES, *module._HEADERS
+    for number, file in enumerate(files):
         (package(tmp_path / str(number), monkeypatch) / file).write_text("another")
         paths.add(module._compiled("avx512_bf16"))
     compiler.write_text(_COMPILER.replace("1.0", "2.0"))
     paths |= {module._compiled("avx512_bf16"), module._compiled("avx2")}
-    assert len(paths) == builds(compiler) == 6
+    assert len(paths) == builds(compiler) == len(files) + 3
 
 
 def test_a_shipped_file_needs_no_compiler(

@@ -10,7 +10,7 @@ from common.protocol.weights import encode_weights, load_weights
 from common.run.config import LearningConfig
 from common.run.presets import PRESETS
 from learner.algorithm.double_dqn import double_dqn
-from learner.algorithm.ema import EmaNetwork
+from learner.algorithm.ema import PERIOD, EmaNetwork
 from learner.algorithm.value_based import ValueBased
 from learner.checkpoint import Checkpoint
 from learner.device import Device
@@ -34,10 +34,13 @@ def test_the_mean_by_hand() -> None:
     online = QNetwork(6)
     with torch.no_grad():
         online.actions.bias.fill_(8.0)
-    mean = EmaNetwork(online, decay=0.75)
+    mean = EmaNetwork(online, decay=0.75**0.25)
     assert _bias(mean.network).tolist() == [8.0] * 6  # before the first update
-    # The plain mean of one, two, three and four updates, and the exponential one from there.
-    for updates, weight, expected in ((1, 6, 6), (2, 0, 3), (3, 9, 5), (4, 1, 4), (5, 8, 5)):
+    # Of every fourth update: the plain mean of one to four, and the exponential one from there.
+    for updates, weight, expected in (
+        *((1, 5, 8), (3, 7, 8), (4, 6, 6), (5, 9, 6), (8, 0, 3), (12, 9, 5), (16, 1, 4)),
+        *((18, 0, 4), (20, 8, 5)),
+    ):
         with torch.no_grad():
             online.actions.bias.fill_(weight)
         mean.take(updates)
@@ -56,13 +59,16 @@ def test_without_a_decay_the_online_network_itself_is_published() -> None:
 
 
 def test_an_algorithm_publishes_the_mean_and_learns_without_it() -> None:
-    plain, averaged = _algorithm(0.0), _algorithm(0.5)
+    plain, averaged = _algorithm(0.0), _algorithm(0.5**0.25)
     mean = _bias(plain.published)
     assert torch.equal(_bias(averaged.published), mean)
-    for seed in range(4):
-        batch = random_batch(seed=seed)
+    for updates in range(1, 17):
+        batch = random_batch(seed=updates)
         assert torch.equal(learn(plain, batch).loss, learn(averaged, batch).loss)
-        mean = 0.5 * mean + 0.5 * _bias(plain.online) if seed else _bias(plain.online)
+        if updates == PERIOD:
+            mean = _bias(plain.online)
+        elif updates % PERIOD == 0:
+            mean = 0.5 * mean + 0.5 * _bias(plain.online)
         torch.testing.assert_close(_bias(averaged.published), mean)
     assert not torch.equal(mean, _bias(plain.published))
     batch = random_batch(seed=9)
@@ -74,7 +80,7 @@ def test_an_algorithm_publishes_the_mean_and_learns_without_it() -> None:
 
 def test_a_checkpoint_keeps_both_and_gives_away_the_mean(tmp_path: Path) -> None:
     path, algorithm = tmp_path / "checkpoint.safetensors", _algorithm(0.9)
-    for seed in range(3):
+    for seed in range(5):
         learn(algorithm, random_batch(seed=seed))
     Checkpoint(path, tmp_path / "previous", algorithm, PRESETS["fast"]).save({})
     played = QNetwork(6)
@@ -83,8 +89,9 @@ def test_a_checkpoint_keeps_both_and_gives_away_the_mean(tmp_path: Path) -> None
     assert encode_weights(played) != encode_weights(algorithm.online)
     resumed = _algorithm(0.9)
     Checkpoint(path, tmp_path / "previous", resumed, PRESETS["fast"]).load(print)
-    resumed.reseed(3)
+    resumed.reseed(5)
     for each in (algorithm, resumed):
-        learn(each, random_batch(seed=4))
+        for seed in range(5, 9):
+            learn(each, random_batch(seed=seed))
     for name, value in algorithm.state().items():
         assert torch.equal(resumed.state()[name], value), name

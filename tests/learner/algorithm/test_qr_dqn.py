@@ -1,22 +1,34 @@
 """QR-DQN against values worked out by hand, a float64 version in loops, and a tiny problem."""
 
+import math
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
 import torch
-from hypothesis import given
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from torch import tensor
+from torch import Tensor, tensor
 
+from common.native.library import library
 from common.network import QNetwork, build_network
 from common.run.config import LearningConfig
 from common.run.presets import PRESETS
-from learner.algorithm.qr_dqn import of_action, qr_dqn, quantile_huber, target_quantiles
+from learner.algorithm.qr_dqn import (
+    compiled_quantile_huber,
+    of_action,
+    qr_dqn,
+    quantile_huber,
+    target_quantiles,
+)
 from learner.device import Device
 from tests.learner.small_batches import learn, random_batch
+from tests.native import INSTRUCTION_SETS
 
+Losses = Callable[[Tensor, Tensor], Tensor]
 CPU = Device(torch.device("cpu"), bfloat16=False)
 CPU_BFLOAT16 = Device(torch.device("cpu"), bfloat16=True)
 
@@ -43,12 +55,19 @@ def _reference(
     return losses, gradient
 
 
-def test_two_quantiles_by_hand() -> None:
+@pytest.fixture(params=[None, *INSTRUCTION_SETS])
+def losses_of(request: pytest.FixtureRequest) -> Losses:
+    if request.param is None:
+        return quantile_huber
+    return partial(compiled_quantile_huber, library(request.param))
+
+
+def test_two_quantiles_by_hand(losses_of: Losses) -> None:
     # Midpoints are 0.25 and 0.75. Pairs u = target - θ, and their losses:
     # θ_0 = 0: u = 0.5 → 0.25 · 0.125; u = -2 → 0.75 · 1.5;  mean (0.03125 + 1.125) / 2
     # θ_1 = 1: u = -0.5 → 0.25 · 0.125; u = -3 → 0.25 · 2.5;  mean (0.03125 + 0.625) / 2
     predicted = tensor([[0.0, 1.0]], requires_grad=True)
-    loss = quantile_huber(predicted, tensor([[0.5, -2.0]]))
+    loss = losses_of(predicted, tensor([[0.5, -2.0]]))
     assert loss.tolist() == pytest.approx([0.578125 + 0.328125])
     loss.sum().backward()  # type: ignore[no-untyped-call]
     assert predicted.grad is not None
@@ -59,9 +78,10 @@ def test_two_quantiles_by_hand() -> None:
 finite = st.floats(-4, 4, width=32)
 
 
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.data(), st.integers(1, 3), st.integers(1, 6), st.integers(1, 6))
 def test_loss_and_gradient_are_those_of_the_paper(
-    data: st.DataObject, batch: int, count: int, others: int
+    losses_of: Losses, data: st.DataObject, batch: int, count: int, others: int
 ) -> None:
     def numbers(width: int) -> NDArray[np.float64]:
         rows = st.lists(
@@ -72,11 +92,49 @@ def test_loss_and_gradient_are_those_of_the_paper(
     predicted, targets = numbers(count), numbers(others)
     losses, gradient = _reference(predicted, targets)
     ours = torch.tensor(predicted, dtype=torch.float32, requires_grad=True)
-    found = quantile_huber(ours, torch.tensor(targets, dtype=torch.float32))
+    found = losses_of(ours, torch.tensor(targets, dtype=torch.float32))
     found.sum().backward()  # type: ignore[no-untyped-call]
     assert ours.grad is not None
     np.testing.assert_allclose(found.detach().numpy(), losses, rtol=1e-4, atol=1e-5)
     np.testing.assert_allclose(ours.grad.numpy(), gradient, rtol=1e-4, atol=1e-5)
+
+
+@pytest.mark.parametrize(("count", "others"), [(51, 51), (16, 3), (17, 32), (256, 1)])
+@pytest.mark.parametrize("threads", [1, 2])
+def test_loss_and_gradient_of_many_quantiles(
+    losses_of: Losses, count: int, others: int, threads: int
+) -> None:
+    """More than a vector of the processor has, and weights of transitions."""
+    rng = np.random.default_rng(count)
+    predicted, targets = rng.normal(0, 2, (5, count)), rng.normal(0, 2, (5, others))
+    weights = np.array([1, 0.5, 0, 3, 1])
+    losses, _ = _reference(predicted, targets)
+    ours = torch.tensor(predicted, dtype=torch.float32, requires_grad=True)
+    used = torch.get_num_threads()
+    try:
+        torch.set_num_threads(threads)
+        # In another layout than the code reads.
+        found = losses_of(ours, torch.tensor(targets.T.copy(), dtype=torch.float32).T)
+        (torch.tensor(weights) * found).sum().backward()  # type: ignore[no-untyped-call]
+    finally:
+        torch.set_num_threads(used)
+    np.testing.assert_allclose(found.detach().numpy(), losses, rtol=1e-4)
+    gradient = np.stack(
+        [
+            w * _reference(predicted[i : i + 1], targets[i : i + 1])[1][0]
+            for i, w in enumerate(weights)
+        ]
+    )
+    assert ours.grad is not None
+    np.testing.assert_allclose(ours.grad.numpy(), gradient, rtol=1e-4, atol=1e-5)
+
+
+@pytest.mark.parametrize("wrong", [math.nan, math.inf, -math.inf])
+def test_a_target_that_is_no_number_is_not_hidden(losses_of: Losses, wrong: float) -> None:
+    predicted = torch.zeros(2, 3, requires_grad=True)
+    found = losses_of(predicted, tensor([[0.0, wrong], [1.0, 1.0]]))
+    assert not math.isfinite(float(found[0]))
+    assert math.isfinite(float(found[1]))
 
 
 def test_the_target_is_of_the_action_that_the_values_choose() -> None:
