@@ -84,7 +84,7 @@ def _told(run: RunFolder) -> dict[str, Any]:
     return {
         "run": run.name,
         "folder": str(run.path.resolve()),
-        "at_work": run.is_at_work(),
+        "state": "at work" if run.is_at_work() else report.how,
         "written": report.written or None,
         "error": report.error or None,
         "summary": report.summary or None,

@@ -90,6 +90,7 @@ class Report:
         del replay["statistics"]
         told = {
             "run": self.run,
+            "state": "at work",
             "healthy": not self.reasons,
             "reasons": self.reasons,
             "version": VERSION,
@@ -222,7 +223,7 @@ def _show_ended(run: FolderReport, *, as_json: bool) -> int:
     """Prints what is left of a run; returns the exit code."""
     if as_json:
         told = {"run": run.name, "healthy": False, "reasons": [run.reason], "version": VERSION}
-        told |= {"ended": run.written or None, "error": run.error or None}
+        told |= {"state": run.how, "ended": run.written or None, "error": run.error or None}
         told |= {"summary": run.summary or None}
         print(dumps(told))
     else:

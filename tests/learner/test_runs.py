@@ -104,7 +104,8 @@ def test_the_list_as_json_has_all_figures(
     main([str(runs), "--json"])
     told: list[dict[str, Any]] = json.loads(capsys.readouterr().out)
     assert [each["run"] for each in told] == ["busy", "done", "ended", "failed", "killed", "new"]
-    assert [each["at_work"] for each in told] == [True, *[False] * 5]
+    states = ["at work", "done", "ended", "failed", "killed", "ended"]
+    assert [each["state"] for each in told] == states
     assert [each["error"] for each in told] == [None, None, None, "boom", None, None]
     del told[:2], told[2]
     assert told[0]["folder"] == str(runs / "ended")

@@ -106,7 +106,7 @@ def test_a_healthy_run(client: Transport) -> None:
     ):
         assert words in text
     told = json.loads(report.as_json())
-    assert (told["healthy"], told["replay"]["stored"]) == (True, 8)
+    assert (told["state"], told["healthy"], told["replay"]["stored"]) == ("at work", True, 8)
     assert [actor["lag"] for actor in told["learner"]["actors"]] == [10, 0, 1_000]
     assert told["learner"]["values"]["hands/press_p99"] is None
     assert told["version"] == told["learner"]["version"] == told["replay"]["version"]
@@ -227,6 +227,7 @@ def test_a_run_that_has_ended_tells_how_far_it_came(
     assert main([named, "--json"]) == UNREACHABLE
     told = json.loads(capsys.readouterr().out)
     assert (told["run"], told["healthy"], told["reasons"]) == ("first", False, [GO_ON])
+    assert told["state"] == "ended"
     assert (told["ended"], told["summary"]["agent_steps"]) == ("2026-11-29 07:57", 51_000)
 
 
