@@ -11,7 +11,6 @@ import torch
 from numpy.typing import NDArray
 
 from common.errors import InputError
-from common.protocol.weights import are_finite
 from learner.algorithm.interface import Algorithm, Update
 from replay.interface import Replay
 
@@ -55,7 +54,7 @@ class LossGuard:
         """Checks losses and weights, before these are saved or sent after ``updates``. Raises
         InputError if the network has diverged."""
         self.check()
-        if not self._is_finite():  # the next loss would show it, but too late
+        if not self.algorithm.is_finite():  # the next loss would show it, but too late
             raise self._error(f"weights became non-finite by update {updates}")
 
     def was_skipped(self, number: int) -> bool:
@@ -71,7 +70,7 @@ class LossGuard:
                 continue
             self.skipped += 1
             self._last_skipped.append(number)
-            if self._is_finite():
+            if self.algorithm.is_finite():
                 self._quarantine(ids, result.priorities.float().cpu().numpy())
                 first = self._last_skipped[0]
                 often = len(self._last_skipped) == _MAX_SKIPPED and number - first < _RECENTLY
@@ -85,10 +84,6 @@ class LossGuard:
             f"{how}: start another run with a smaller --learning.learning-rate, from this one's "
             f"last good network by --initial {self.checkpoint}."
         )
-
-    def _is_finite(self) -> bool:
-        """Returns whether all published weights are finite."""
-        return are_finite(list(self.algorithm.published.parameters()))
 
     def _quarantine(self, ids: NDArray[np.int64], priorities: NDArray[np.float32]) -> None:
         """Makes the replay never draw the faulty steps again: all of them if none stands out."""

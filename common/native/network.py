@@ -63,8 +63,12 @@ class NativeQNetwork(QNetwork):
                 raise ValueError(f"weights of {each.dtype} or in another layout")
         # Kept for all updates: 6 MB of new memory for each would cost more than the arithmetic.
         self._gradients = [torch.zeros_like(p) for p in (*self._weights, *self._biases)]
-        self._at = (addresses(self._weights), addresses(self._biases))
-        self._gradients_at = (addresses(self._gradients[:4]), addresses(self._gradients[4:]))
+        of_weights, of_biases = (
+            self._gradients[: len(self._weights)],
+            self._gradients[len(self._weights) :],
+        )
+        self._of_dense = of_weights[-1]
+        self._gradients_at = addresses(of_weights), addresses(of_biases)
         self._kept: _Kept | None = None
         self.pack()
         # The hooks are those of ``master``, too.
@@ -86,7 +90,7 @@ class NativeQNetwork(QNetwork):
     def pack(self) -> None:
         """Takes over the present weights."""
         self._library.trunk_pack(
-            *(self._trunk, *self._at),
+            *(self._trunk, addresses(self._weights), addresses(self._biases)),
             *(self.hidden.in_features, self.pixel_scale, torch.get_num_threads()),
         )
 
@@ -150,7 +154,7 @@ class NativeQNetwork(QNetwork):
             *(self.hidden.in_features, torch.get_num_threads()),
         )
         if kept.vector_weight.grad is not None:
-            self._gradients[3][:, _FEATURES:] = kept.vector_weight.grad
+            self._of_dense[:, _FEATURES:] = kept.vector_weight.grad
         for parameter, gradient in zip(
             (*self._weights, *self._biases), self._gradients, strict=True
         ):
@@ -171,5 +175,6 @@ def _frames_of(pixels: Tensor) -> Tensor:
 
 
 def addresses(tensors: Sequence[Tensor]) -> object:
-    """Returns the addresses of ``tensors`` as C takes them; they must outlive the call."""
+    """Returns the addresses of ``tensors`` as C takes them, which must neither be freed nor move
+    while these are in use."""
     return (c_void_p * len(tensors))(*(each.data_ptr() for each in tensors))

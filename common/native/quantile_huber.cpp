@@ -1,7 +1,7 @@
 // The quantile Huber loss (Dabney et al. 2018, equation 10, kappa = 1) and its gradient, without the
 // memory that all pairs of quantiles would take.
 //
-// qr_dqn.py checks all sizes.
+// quantile_huber.py checks all sizes.
 
 #include "threads.h"
 

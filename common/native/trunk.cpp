@@ -227,7 +227,7 @@ struct Weights {
 };
 
 struct Activations {  // of one state
-    alignas(64) number a1[A1], a2[A2], a3[A3], features[FEATURES];
+    alignas(64) number a1[A1], a2[A2], a3[A3];
 };
 
 struct Gradients {
@@ -275,7 +275,8 @@ inline void place_pixels(const std::uint8_t* now, const std::uint8_t* before, in
 
 // ------------------------------------------------------------------------------------- forward
 
-void convolve(const Weights& w, const number* a0, Activations& a) {
+// Also writes the features, a3 in PyTorch's order.
+void convolve(const Weights& w, const number* a0, Activations& a, number* features) {
     constexpr int ACROSS = S1 / 2;
     for (int tile = 0; tile < C1 / TILE; tile++)
         for (int y = 0; y < S1; y++)
@@ -307,7 +308,7 @@ void convolve(const Weights& w, const number* a0, Activations& a) {
         }
     for (int c = 0; c < C3; c++)
         for (int place = 0; place < S3 * S3; place++)
-            a.features[c * S3 * S3 + place] = a.a3[place * C3 + c];
+            features[c * S3 * S3 + place] = a.a3[place * C3 + c];
 }
 
 // ------------------------------------------------------------------------------------ backward
@@ -455,37 +456,21 @@ class Trunk {
 
     void forward(const number* pixels, long states, bool keep, float* out, int threads) {
         if (keep) at_least(kept_, states);
-        number* features = at_least(features_, states * FEATURES);
-        // [state / TILE][group of features][state][GROUP]
-        number* arranged = at_least(arranged_, up(states, TILE) * TILE * FEATURES);
+        number* features = at_least(keep ? kept_features_ : features_, states * FEATURES);
         prepare(threads);
         Deal convolved(states);
         in_threads(threads, [&](int thread) {
             for (long i; convolved.next(i);) {
                 Activations& a = keep ? kept_[i] : scratch_[thread]->activations;
-                convolve(weights_, pixels + i * A0, a);
-                std::memcpy(features + i * FEATURES, a.features, sizeof a.features);
+                convolve(weights_, pixels + i * A0, a, features + i * FEATURES);
             }
         });
-        constexpr int LINE = 64 / sizeof(number);  // a cache line of each state's features at a time
-        Deal lines(states <= FEW ? 0 : up(states, TILE) * (FEATURES / LINE));
-        in_threads(threads, [&](int) {
-            for (long line; lines.next(line);) {
-                const long first = line / (FEATURES / LINE) * TILE, f = line % (FEATURES / LINE) * LINE;
-                const number* from = features + first * FEATURES + f;
-                number* to = arranged + first * FEATURES + f * TILE;
-                const long count = std::min<long>(states - first, TILE);
-                for (int g = 0; g < LINE; g += GROUP)
-                    for (long i = 0; i < count; i++)
-                        std::memcpy(to + g * TILE + i * GROUP, from + i * FEATURES + g,
-                                    GROUP * sizeof(number));
-            }
-        });
+        if (states > FEW) arrange(features, states, threads);
         Deal tiles(HIDDEN / ROWS);
         in_threads(threads, [&](int) {
             for (long tile; tiles.next(tile);)
                 if (states <= FEW)
-                    dense_few(tile * ROWS, states, out);
+                    dense_few(tile * ROWS, features, states, out);
                 else
                     dense_many(tile * ROWS, states, out);
         });
@@ -516,9 +501,10 @@ class Trunk {
         Deal placed(groups), panels(FEATURES / TILE), dealt(shares);
         in_threads(threads, [&](int) {
             for (long i; placed.next(i);) {
-                const number* first = kept_[i * GROUP].features;
-                const number* last = kept_[std::min(i * GROUP + LAST, states - 1)].features;
-                for (int f = 0; f < FEATURES; f += TILE)  // d is 0 beyond the last state
+                // d is 0 beyond the last state.
+                const number* first = kept_features_.data() + i * GROUP * FEATURES;
+                const number* last = kept_features_.data() + std::min(i * GROUP + LAST, states - 1) * FEATURES;
+                for (int f = 0; f < FEATURES; f += TILE)
                     group(first + f, last + f, a_groups + (f * groups + i * TILE) * GROUP, TILE);
             }
         });
@@ -584,12 +570,32 @@ class Trunk {
                 group(rows + k, rows + LAST * PLACES * IN + k, to[k % IN / TILE][k / IN][n][0], TILE);
     }
 
-    void dense_few(int n, long states, float* out) const {
+    // Writes features as [state / TILE][group of features][state][GROUP].
+    void arrange(const number* features, long states, int threads) {
+        number* arranged = at_least(arranged_, up(states, TILE) * TILE * FEATURES);
+        constexpr int LINE = 64 / sizeof(number);  // features of a cache line, which are read once
+        constexpr int LINES = FEATURES / LINE;
+        Deal lines(up(states, TILE) * LINES);
+        in_threads(threads, [&](int) {
+            for (long line; lines.next(line);) {
+                const long first = line / LINES * TILE, f = line % LINES * LINE;
+                const number* from = features + first * FEATURES + f;
+                number* to = arranged + first * FEATURES + f * TILE;
+                const long count = std::min<long>(states - first, TILE);
+                for (int g = 0; g < LINE; g += GROUP)
+                    for (long i = 0; i < count; i++)
+                        std::memcpy(to + g * TILE + i * GROUP, from + i * FEATURES + g,
+                                    GROUP * sizeof(number));
+            }
+        });
+    }
+
+    void dense_few(int n, const number* features, long states, float* out) const {
         for (long i = 0; i < states; i++) {
             Sums<ROWS, 1> sums;
             sums.start_at_zero();
             for (int f = 0; f < FEATURES; f += VECTOR) {
-                const auto of_state = load(features_.data() + i * FEATURES + f);
+                const auto of_state = load(features + i * FEATURES + f);
                 sums.each([&](Vector& sum, int r, int) {
                     sum = add_products(sum, load(weights_.dense[n + r] + f), of_state);
                 });
@@ -644,7 +650,7 @@ class Trunk {
 
     Weights weights_{};
     std::vector<Activations> kept_;
-    std::vector<number> features_, arranged_, d_plain_, d_groups_, a_groups_;
+    std::vector<number> features_, kept_features_, arranged_, d_plain_, d_groups_, a_groups_;
     std::vector<float> d_features_;
     std::vector<std::unique_ptr<Scratch>> scratch_;
     inline static const float no_gradients_[FEATURES]{};
@@ -665,8 +671,9 @@ void trunk_pixels(const std::uint8_t* frames, number* pixels, long states, int d
             const std::uint8_t* of = frames + i * FRAMES * FRAME;
             const int grey = center ? mean_of(of, (differences ? 1 : FRAMES) * FRAME) : 0;
             for (int row = 0; row < FRAMES * SIDE; row++) {
-                const int frame = row / SIDE, y = row % SIDE;
-                const std::uint8_t* now = of + row * SIDE;
+                // The rows of a block one after the other, while the cache has it.
+                const int y = row / (FRAMES * BLOCK) * BLOCK + row % BLOCK, frame = row / BLOCK % FRAMES;
+                const std::uint8_t* now = of + frame * FRAME + y * SIDE;
                 const std::uint8_t* before = differences && frame ? now - FRAME : nullptr;
                 number* to = pixels + i * A0 + y / BLOCK * S0 * C0 + (frame * BLOCK + y % BLOCK) * BLOCK;
                 for (int x : {0, 16, 32, 48, 64, SIDE - SOME})  // the last ones overlap

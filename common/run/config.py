@@ -104,7 +104,7 @@ class LearningConfig:
     """Maximum norm of the gradient; 0 for no limit."""
     weights_average: Annotated[float, Ge(0), Lt(1)] = 0.0
     """Decay per update of the exponential mean of the weights, which is then published, tested and
-    evaluated; 0 to use the weights themselves."""
+    evaluated, and takes them in at every fourth update; 0 to use the weights themselves."""
     initial_weights: InitialWeights = "torch"
     """Initial weights: 'torch', PyTorch's default; 'glorot', Glorot uniform with zero biases, as in
     Keras; 'he', normal (He et al. 2015) with zero biases, a tenth in the last layer."""

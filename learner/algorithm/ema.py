@@ -8,17 +8,18 @@ from torch import Tensor
 from common.network import QNetwork
 
 PERIOD = 4
-"""Updates between two that are averaged in: each of them reads and writes all weights, which would
-be a thirtieth of every update, and networks only four updates apart hardly differ."""
+"""The weights are averaged in every so many updates. To do so at each would take a thirtieth of an
+update's time, and weights that are four updates apart hardly differ."""
 
 
 class EmaNetwork:
     """The network whose weights are published, tested and evaluated.
 
-    With a ``decay`` d for each update it has the exponential moving average of the online network's
-    weights, w̄ ← d⁴·w̄ + (1-d⁴)·w at every fourth update, which is steadier than the weights
-    themselves (Polyak and Juditsky 1992). During the first 1/(1-d) updates it has their plain mean,
-    so that the initial weights do not last. With d = 0 it is the online network itself.
+    With a ``decay`` d per update it has the exponential moving average of the online network's
+    weights, which is steadier than the weights themselves (Polyak and Juditsky 1992): at each k-th
+    update, w̄ ← dᵏ·w̄ + (1-dᵏ)·w, where k is `PERIOD`. During the first 1/(1-d) updates it has the
+    plain mean of every k-th weights, and those of the latest update before the k-th, so that the
+    initial weights do not last. With d = 0 it is the online network itself.
     """
 
     def __init__(self, online: QNetwork, decay: float) -> None:
@@ -30,6 +31,6 @@ class EmaNetwork:
     @torch.no_grad()
     def take(self, updates: int) -> None:
         """Averages in the online network's weights after ``updates``, at least 1."""
-        if self._decay and updates % PERIOD == 0:
-            share = max(1 - self._decay**PERIOD, PERIOD / updates)
+        if self._decay and (updates % PERIOD == 0 or updates < PERIOD):
+            share = max(1 - self._decay**PERIOD, min(1, PERIOD / updates))
             torch._foreach_lerp_(self._means, self._weights, share)

@@ -83,6 +83,9 @@ class Algorithm(Protocol):
         A non-finite loss changes no weight; the learner quarantines its steps.
         """
 
+    def is_finite(self) -> bool:
+        """Returns whether all weights are finite, those that learn and those that are published."""
+
     def max_q(self, frames: Tensor, vectors: Tensor) -> Tensor:
         """Returns the highest value of each state, ``float32 [states]``, on the CPU."""
 

@@ -1,7 +1,7 @@
 """The optimizers of the presets, and the bound on their gradients."""
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from ctypes import CDLL, c_long
 from typing import Any
 
@@ -31,9 +31,12 @@ class BoundedOptimizer:
         self._parameters = list(parameters)
         self._optimizer = build_optimizer(self._parameters, config)
         self._config = config
-        self._library = library(native) if native else None
+        fits = all(weight.dtype == torch.float32 for weight in self._parameters)
+        self._library = library(native) if native and fits else None
         self._compiled: _CompiledStep | None = None
-        """The step by the present slots; None before it, and where PyTorch has to take it."""
+        """The step by the present slots; None before it."""
+        self._uneven = False
+        """Whether a weight has taken fewer steps than another, so that PyTorch has to take them."""
 
     def set_rate(self, updates: int) -> None:
         """Sets the learning rate to its value after ``updates`` of the run."""
@@ -50,18 +53,25 @@ class BoundedOptimizer:
             if weight.grad is not None and weight.grad.stride() != weight.stride():
                 # Either kernel, PyTorch's too, would read it in the parameter's layout.
                 weight.grad = torch.empty_like(weight).copy_(weight.grad).detach()
-        if self._library is not None and self._compiled is None:
-            self._compiled = _CompiledStep.of(self._library, self._parameters, self._slots)
-        if self._compiled and all(weight.grad is not None for weight in self._parameters):
+        if compiled := self._compiled_step():
             if math.isfinite(loss.item()):
-                self._compiled(self._optimizer.param_groups[0], self._config.gradient_norm)
+                compiled(self._optimizer.param_groups[0], self._config.gradient_norm)
             return
-        self._compiled = None  # the steps of weights without a gradient fall behind
         if self._config.gradient_norm:
             clip_gradients(self._parameters, self._config.gradient_norm)
         # The kernel itself checks this, so nothing waits for the device.
         self._optimizer.found_inf = (~loss.isfinite()).float()  # type: ignore[attr-defined]
         self._optimizer.step()
+
+    def _compiled_step(self) -> "_CompiledStep | None":
+        """Returns the step by compiled code, or None where PyTorch has to take it."""
+        self._uneven |= any(weight.grad is None for weight in self._parameters)
+        if self._library is None or self._uneven:
+            return None
+        if self._compiled is None:
+            slots = [self._slots(weight) for weight in self._parameters]
+            self._compiled = _CompiledStep(self._library, self._parameters, slots)
+        return self._compiled
 
     def _slots(self, weight: nn.Parameter) -> dict[str, Tensor]:
         """Returns what the optimizer keeps of ``weight``; PyTorch makes it with its first step."""
@@ -102,6 +112,8 @@ class BoundedOptimizer:
         groups = self._optimizer.state_dict()["param_groups"]
         self._optimizer.load_state_dict({"state": slots, "param_groups": groups})
         self._compiled = None  # it writes to the slots of before
+        steps = {float(each["step"]) for each in slots.values()}
+        self._uneven = len(steps) > 1 or len(slots) not in (0, len(self._parameters))
 
 
 class _CompiledStep:
@@ -117,25 +129,12 @@ class _CompiledStep:
         self._addresses = [addresses([each[name] for each in slots]) for name in names]
         self._sizes = (c_long * len(weights))(*(weight.numel() for weight in weights))
 
-    @classmethod
-    def of(
-        cls,
-        code: CDLL,
-        weights: Sequence[nn.Parameter],
-        slots_of: Callable[[nn.Parameter], dict[str, Tensor]],
-    ) -> "_CompiledStep | None":
-        """Returns the step, or None if the code cannot take it: a weight is not float32, or one has
-        taken fewer steps than another."""
-        slots = [slots_of(weight) for weight in weights]
-        if any(weight.dtype != torch.float32 for weight in weights):
-            return None
-        return cls(code, weights, slots) if len({float(s["step"]) for s in slots}) == 1 else None
-
     def __call__(self, group: Mapping[str, Any], max_norm: float) -> None:
         """Moves all weights by their gradients, with the settings of ``group``."""
-        gradients = addresses([weight.grad for weight in self._weights if weight.grad is not None])
+        gradients = [weight.grad for weight in self._weights if weight.grad is not None]
+        assert len(gradients) == len(self._weights)
         self._code.adam_step(
-            *(addresses(self._weights), gradients, *self._addresses, self._sizes),
+            *(addresses(self._weights), addresses(gradients), *self._addresses, self._sizes),
             *(len(self._weights), max_norm, group["lr"], *group["betas"], group["eps"]),
             torch.get_num_threads(),
         )

@@ -34,7 +34,7 @@ class Precision:
     def __init__(self, master: QNetwork) -> None:
         self.network: QNetwork = master
         """The network to compute with."""
-        self._parameters: list[Tensor] = list(master.parameters())
+        self._parameters: list[Tensor] = list(self.network.parameters())
 
     def as_pixels(self, frames: Tensor) -> Tensor:
         """Returns uint8 frames as `network` takes them, see `QNetwork.as_pixels`."""

@@ -7,14 +7,12 @@ network (as in Double DQN), otherwise those of the target network (algorithm 1).
 quantile Huber loss with κ = 1 (equation 10).
 """
 
-from ctypes import CDLL
 from functools import partial
-from typing import Any
 
 import torch
 from torch import Tensor
 
-from common.native.library import library
+from common.native.quantile_huber import native_quantile_huber
 from common.network import QNetwork
 from common.run.config import LearningConfig
 from learner.algorithm.double_dqn import huber
@@ -41,7 +39,7 @@ class QuantileLoss:
         self._double = config.target == "double"
         self._losses = quantile_huber
         if device.native:
-            self._losses = partial(compiled_quantile_huber, library(device.native))
+            self._losses = partial(native_quantile_huber, device.native)
 
     def target_outputs(self, target: QNetwork, prepared: Prepared) -> tuple[Tensor]:
         """Returns the quantiles of ``s_t``, ``float32 [batch, actions, N]``."""
@@ -99,32 +97,3 @@ def quantile_huber(predicted: Tensor, targets: Tensor) -> Tensor:
     u = targets[:, None, :] - predicted[:, :, None]
     asymmetry = (midpoints[None, :, None] - (u.detach() < 0).float()).abs()
     return (asymmetry * huber(u)).mean(dim=2).sum(dim=1)
-
-
-def compiled_quantile_huber(code: CDLL, predicted: Tensor, targets: Tensor) -> Tensor:
-    """Returns what `quantile_huber` does, by the compiled code, in a twentieth of the time: all
-    pairs of quantiles never lie in memory. Both tensors are float32."""
-    losses: Tensor = _CompiledQuantileHuber.apply(  # type: ignore[no-untyped-call]
-        predicted, targets, code
-    )
-    return losses
-
-
-class _CompiledQuantileHuber(torch.autograd.Function):
-    """``quantile_huber.cpp``, which writes losses and their gradients at once."""
-
-    @staticmethod
-    def forward(ctx: Any, predicted: Tensor, targets: Tensor, code: CDLL) -> Tensor:
-        predicted, targets = predicted.contiguous(), targets.contiguous()
-        losses, gradients = predicted.new_empty(len(predicted)), torch.empty_like(predicted)
-        code.quantile_huber(
-            *(predicted.data_ptr(), targets.data_ptr(), *predicted.shape, targets.shape[1]),
-            *(losses.data_ptr(), gradients.data_ptr(), torch.get_num_threads()),
-        )
-        ctx.save_for_backward(gradients)
-        return losses
-
-    @staticmethod
-    def backward(ctx: Any, *of_losses: Tensor) -> tuple[Tensor, None, None]:
-        (gradients,) = ctx.saved_tensors
-        return of_losses[0][:, None] * gradients, None, None

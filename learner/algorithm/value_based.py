@@ -12,6 +12,7 @@ import torch
 from torch import Tensor
 
 from common.network import QNetwork
+from common.protocol.weights import are_finite
 from common.run.config import LearningConfig
 from learner.algorithm.augmentation import RandomShift
 from learner.algorithm.cuda_graph import RecordedStep, Step
@@ -99,6 +100,11 @@ class ValueBased:
         self._optimizer.step(result.loss.detach())
         self._precision.sync_from_master()
         return result.detached()
+
+    @torch.no_grad()
+    def is_finite(self) -> bool:
+        networks = {self.online, self.published}  # a mean takes in the other's weights later
+        return are_finite([weight for each in networks for weight in each.parameters()])
 
     @torch.no_grad()
     def max_q(self, frames: Tensor, vectors: Tensor) -> Tensor:

@@ -25,6 +25,7 @@ from common.protocol.actor_stats import ActorStats
 from common.protocol.chunk import Game
 from common.protocol.run_keys import DEMONSTRATIONS
 from common.protocol.run_status import HealthCheck
+from common.protocol.weights import are_finite
 from common.protocol.wire import decode_version
 from common.run.config import RunConfig
 from common.run.presets import PRESETS
@@ -262,6 +263,7 @@ class World:
             "algorithm": SimpleNamespace(
                 update=self.update,
                 published=self.network,
+                is_finite=lambda: are_finite(list(self.network.parameters())),
                 reseed=lambda updates: self.log.append(("reseed", updates)),
             ),
             "held_out": SimpleNamespace(

@@ -1,5 +1,6 @@
 """The mean of the weights that actors play by, worked out by hand and through an algorithm."""
 
+import math
 from pathlib import Path
 
 import pytest
@@ -37,8 +38,9 @@ def test_the_mean_by_hand() -> None:
     mean = EmaNetwork(online, decay=0.75**0.25)
     assert _bias(mean.network).tolist() == [8.0] * 6  # before the first update
     # Of every fourth update: the plain mean of one to four, and the exponential one from there.
+    # Before the fourth, the weights themselves.
     for updates, weight, expected in (
-        *((1, 5, 8), (3, 7, 8), (4, 6, 6), (5, 9, 6), (8, 0, 3), (12, 9, 5), (16, 1, 4)),
+        *((1, 5, 5), (3, 7, 7), (4, 6, 6), (5, 9, 6), (8, 0, 3), (12, 9, 5), (16, 1, 4)),
         *((18, 0, 4), (20, 8, 5)),
     ):
         with torch.no_grad():
@@ -65,7 +67,7 @@ def test_an_algorithm_publishes_the_mean_and_learns_without_it() -> None:
     for updates in range(1, 17):
         batch = random_batch(seed=updates)
         assert torch.equal(learn(plain, batch).loss, learn(averaged, batch).loss)
-        if updates == PERIOD:
+        if updates <= PERIOD:
             mean = _bias(plain.online)
         elif updates % PERIOD == 0:
             mean = 0.5 * mean + 0.5 * _bias(plain.online)
@@ -76,6 +78,21 @@ def test_an_algorithm_publishes_the_mean_and_learns_without_it() -> None:
         values = averaged.published(batch.s_t, batch.x_t).amax(1)
     assert torch.equal(averaged.max_q(batch.s_t, batch.x_t), values)
     assert not torch.equal(plain.max_q(batch.s_t, batch.x_t), values)
+
+
+@pytest.mark.parametrize("weights_average", [0.0, 0.999])
+@pytest.mark.parametrize("prefix", ["online", "average"])
+def test_a_weight_that_is_no_number_is_found_before_the_mean_takes_it_in(
+    weights_average: float, prefix: str
+) -> None:
+    algorithm = _algorithm(weights_average)
+    for seed in range(5):
+        learn(algorithm, random_batch(seed=seed))
+    assert algorithm.is_finite()
+    network = algorithm.online if prefix == "online" else algorithm.published
+    with torch.no_grad():
+        network.convolutions[2].bias[3] = math.inf
+    assert not algorithm.is_finite()
 
 
 def test_a_checkpoint_keeps_both_and_gives_away_the_mean(tmp_path: Path) -> None:

@@ -13,17 +13,12 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from torch import Tensor, tensor
 
-from common.native.library import library
+from common.native.library import InstructionSet
+from common.native.quantile_huber import native_quantile_huber
 from common.network import QNetwork, build_network
 from common.run.config import LearningConfig
 from common.run.presets import PRESETS
-from learner.algorithm.qr_dqn import (
-    compiled_quantile_huber,
-    of_action,
-    qr_dqn,
-    quantile_huber,
-    target_quantiles,
-)
+from learner.algorithm.qr_dqn import of_action, qr_dqn, quantile_huber, target_quantiles
 from learner.device import Device
 from tests.learner.small_batches import learn, random_batch
 from tests.native import INSTRUCTION_SETS
@@ -59,7 +54,7 @@ def _reference(
 def losses_of(request: pytest.FixtureRequest) -> Losses:
     if request.param is None:
         return quantile_huber
-    return partial(compiled_quantile_huber, library(request.param))
+    return partial(native_quantile_huber, request.param)
 
 
 def test_two_quantiles_by_hand(losses_of: Losses) -> None:
@@ -135,6 +130,25 @@ def test_a_target_that_is_no_number_is_not_hidden(losses_of: Losses, wrong: floa
     found = losses_of(predicted, tensor([[0.0, wrong], [1.0, 1.0]]))
     assert not math.isfinite(float(found[0]))
     assert math.isfinite(float(found[1]))
+
+
+@pytest.mark.parametrize("instruction_set", INSTRUCTION_SETS)
+def test_what_the_compiled_loss_cannot_read_is_refused(instruction_set: InstructionSet) -> None:
+    three = torch.zeros(2, 3, requires_grad=True)
+    for predicted, targets in (
+        (three, torch.zeros(2, 3, dtype=torch.float64)),
+        (three.double(), torch.zeros(2, 3)),
+        (three, torch.zeros(1, 3)),
+        (three, torch.zeros(3)),
+        (torch.zeros(2, 3, 1), torch.zeros(2, 3)),
+    ):
+        with pytest.raises(ValueError, match=r"^not quantiles: torch.float.* \(\d, "):
+            native_quantile_huber(instruction_set, predicted, targets)
+    losses = native_quantile_huber(instruction_set, three, torch.ones(2, 3))
+    weights = torch.ones(2, requires_grad=True)
+    (once,) = torch.autograd.grad((weights * losses).sum(), three, create_graph=True)
+    with pytest.raises(RuntimeError, match="once_differentiable"):
+        once.sum().backward()  # type: ignore[no-untyped-call]
 
 
 def test_the_target_is_of_the_action_that_the_values_choose() -> None:
