@@ -91,7 +91,7 @@ def test_a_weight_that_is_no_number_is_found_before_the_mean_takes_it_in(
     assert algorithm.is_finite()
     network = algorithm.online if prefix == "online" else algorithm.published
     with torch.no_grad():
-        network.convolutions[2].bias[3] = math.inf
+        network.actions.bias[3] = math.inf
     assert not algorithm.is_finite()
 
 
