@@ -104,7 +104,7 @@ def build_learner(
         draw=partial(
             Prefetcher,
             replay,
-            lambda batch: algorithm.prepare(to_device(batch, device.torch)),
+            lambda batch, ahead: algorithm.prepare(to_device(batch, device.torch), ahead=ahead),
             config.learning.batch_size,
         ),
         broadcast=Broadcast(

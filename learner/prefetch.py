@@ -53,14 +53,15 @@ class Prefetcher:
     """Draws minibatches from ``replay`` as fast as the limiter allows."""
 
     replay: Replay
-    prepare: Callable[[Batch], Prepared]
-    """Prepares a minibatch for the update."""
+    prepare: Callable[[Batch, bool], Prepared]
+    """Prepares a minibatch for the update, and takes whether others wait for theirs already."""
     batch_size: int
     batches: int
     """Minibatches that the run has drawn so far, which the limiter must know."""
 
     def __post_init__(self) -> None:
         self._closing = threading.Event()
+        self._taken = self.batches
         self._thread = ThreadPoolExecutor(1, "prefetch")
         self._ahead = deque(self._thread.submit(self._draw) for _ in range(DEPTH))
 
@@ -73,6 +74,7 @@ class Prefetcher:
         wait([self._ahead[0]], timeout)
         if not self._ahead[0].done():
             return None
+        self._taken += 1
         self._ahead.append(self._thread.submit(self._draw))
         return self._ahead.popleft().result()
 
@@ -85,6 +87,7 @@ class Prefetcher:
         while not self._closing.is_set():
             batch = self.replay.sample(self.batches * self.batch_size, _WAIT)
             if batch is not None:
+                ahead = self.batches > self._taken
                 self.batches += 1
-                return Prefetched(batch.ids, self.prepare(batch))
+                return Prefetched(batch.ids, self.prepare(batch, ahead))
         return None

@@ -81,6 +81,10 @@ class LearningConfig:
     target: Literal["dqn", "double"] = "double"
     """Network that chooses the next action in the target: the target network ('dqn') or the online
     network ('double')."""
+    early_choice: bool = False
+    """With --learning.target double on a CPU: let the online network choose the next actions while
+    the update before is computed, by weights that are one to three updates old, whenever another
+    core has time for it."""
     loss: Literal["mse", "huber"] = "huber"
     """Loss of dqn for a TD error δ: 'mse' is δ², as in 2017; 'huber' is ½δ², linear beyond
     |δ| = 1. qr_dqn always uses the quantile Huber loss."""

@@ -61,6 +61,7 @@ _FAST = RunConfig(
     learning=LearningConfig(
         algorithm="qr_dqn",  # Dabney et al. 2018; with the mean return alone, learning begins later
         target="double",  # van Hasselt et al. 2016
+        early_choice=True,  # a fifth of an update's time, on another core
         loss="huber",  # as the loss of quantiles, if another algorithm is chosen
         loss_mean_over="batch",
         optimizer="adam",  # Hessel et al. 2018 (Rainbow)

@@ -38,8 +38,7 @@ class DoubleDqnLoss:
 
     def __call__(self, online: QNetwork, prepared: Prepared) -> Update:
         batch, (q_t_target,) = prepared.batch, prepared.target_outputs
-        with torch.no_grad():
-            q_t_online = online(prepared.pixels_t, batch.x_t) if self._double else None
+        q_t_online = online_values(online, prepared) if self._double else None
         q_tm1 = online(prepared.pixels_tm1, batch.x_tm1)
         v_t = bootstrap_values(q_t_target, q_t_online)
         targets = td_targets(batch.r_t, batch.discount_t, v_t)
@@ -48,6 +47,16 @@ class DoubleDqnLoss:
         loss = td_loss(errors, batch.weights, self._kind, outputs)
         errors = errors.detach()
         return Update(loss, errors.abs(), errors, targets)
+
+
+@torch.no_grad()
+def online_values(online: QNetwork, prepared: Prepared) -> Tensor:
+    """Returns the values of ``s_t`` that choose the next actions, ``float32 [batch, actions]``:
+    those that were prepared, or else those of the ``online`` network."""
+    if prepared.q_t is not None:
+        return prepared.q_t
+    values: Tensor = online(prepared.pixels_t, prepared.batch.x_t)
+    return values
 
 
 def bootstrap_values(q_t_target: Tensor, q_t_online: Tensor | None) -> Tensor:

@@ -41,6 +41,9 @@ class Prepared(NamedTuple):
     """The outputs of the target network that the loss function needs."""
     target_version: int = -1
     """Version of the target network that computed them."""
+    q_t: Tensor | None = None
+    """The online network's values of ``s_t``, ``float32 [batch, actions]``, if it is to choose the
+    next actions by the weights that it had then, and not by those of the update's turn."""
 
 
 class Update(NamedTuple):
@@ -74,8 +77,13 @@ class Algorithm(Protocol):
     def published(self) -> QNetwork:
         """The network whose weights are published, tested and evaluated."""
 
-    def prepare(self, batch: DeviceBatch) -> Prepared:
-        """Computes what does not depend on earlier updates, in another thread than `update`."""
+    def prepare(self, batch: DeviceBatch, *, ahead: bool = False) -> Prepared:
+        """Computes what does not depend on earlier updates, in another thread than `update`.
+
+        Args:
+            ahead: whether minibatches wait for their update already, so that there is time to
+                compute more.
+        """
 
     def update(self, prepared: Prepared) -> Update:
         """Takes one gradient step, and syncs the target network when it is due.

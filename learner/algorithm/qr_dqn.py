@@ -15,7 +15,7 @@ from torch import Tensor
 from common.native.quantile_huber import native_quantile_huber
 from common.network import QNetwork
 from common.run.config import LearningConfig
-from learner.algorithm.double_dqn import huber
+from learner.algorithm.double_dqn import huber, online_values
 from learner.algorithm.interface import Prepared, Update
 from learner.algorithm.value_based import ValueBased
 from learner.device import Device
@@ -49,8 +49,7 @@ class QuantileLoss:
         batch, (quantiles_t,) = prepared.batch, prepared.target_outputs
         q_t = quantiles_t.mean(dim=2)
         if self._double:
-            with torch.no_grad():
-                q_t = online(prepared.pixels_t, batch.x_t)
+            q_t = online_values(online, prepared)
         targets = target_quantiles(batch.r_t, batch.discount_t, quantiles_t, q_t)
         quantiles_tm1 = online.atoms(prepared.pixels_tm1, batch.x_tm1)
         predicted = of_action(quantiles_tm1, batch.a_tm1)

@@ -2,10 +2,12 @@
 
 Half of an update does not depend on the previous update: turning frames into pixels, and the target
 network's outputs. `ValueBased.prepare` does that half, on another core if there is one, while
-`ValueBased.update` still works on the previous minibatch.
+`ValueBased.update` still works on the previous minibatch. If there is time, it also lets the online
+network choose the next actions (`EarlyChoice`).
 """
 
 from collections.abc import Mapping
+from contextlib import nullcontext
 from typing import Protocol
 
 import torch
@@ -16,6 +18,7 @@ from common.protocol.weights import are_finite
 from common.run.config import LearningConfig
 from learner.algorithm.augmentation import RandomShift
 from learner.algorithm.cuda_graph import RecordedStep, Step
+from learner.algorithm.early_choice import EarlyChoice
 from learner.algorithm.ema import EmaNetwork
 from learner.algorithm.interface import DeviceBatch, Prepared, Update
 from learner.algorithm.optimizers import BoundedOptimizer
@@ -52,6 +55,8 @@ class ValueBased:
         self._target = TargetNetwork(self.online, device)
         self._published = EmaNetwork(self.online, config.weights_average)
         self._precision = precision_of(self.online, device)
+        self._early_choice = EarlyChoice.of(self.online, config, device)
+        self._writing = self._early_choice.writing if self._early_choice else nullcontext()
         self._optimizer = BoundedOptimizer(self.online.parameters(), config, device.native)
         self._graphs = device.graphs
         self._step = self._new_step()
@@ -66,11 +71,14 @@ class ValueBased:
     def published(self) -> QNetwork:
         return self._published.network
 
-    def prepare(self, batch: DeviceBatch) -> Prepared:
+    def prepare(self, batch: DeviceBatch, *, ahead: bool = False) -> Prepared:
         batch = self._augmentation(batch)
         pixels_tm1 = self._precision.as_pixels(batch.s_tm1)
         pixels_t = self._precision.as_pixels(batch.s_t)
-        return self._with_target(Prepared(batch, pixels_tm1, pixels_t))
+        prepared = self._with_target(Prepared(batch, pixels_tm1, pixels_t))
+        if ahead and self._early_choice is not None:
+            prepared = prepared._replace(q_t=self._early_choice.values(prepared))
+        return prepared
 
     def _with_target(self, prepared: Prepared) -> Prepared:
         """Returns ``prepared`` with the present target network's outputs."""
@@ -97,7 +105,8 @@ class ValueBased:
         """Does the part of an update that depends only on tensors, so that it can be recorded."""
         result = self._loss(self._precision.network, prepared)
         self._precision.backward(result.loss)
-        self._optimizer.step(result.loss.detach())
+        with self._writing:
+            self._optimizer.step(result.loss.detach())
         self._precision.sync_from_master()
         return result.detached()
 

@@ -47,7 +47,7 @@ class Source:
         return _batch(len(self.drawn))
 
 
-def _prepare(batch: Batch) -> Prepared:
+def _prepare(batch: Batch, ahead: bool) -> Prepared:
     tensors = to_device(batch, torch.device("cpu"))
     return Prepared(tensors, tensors.s_tm1, tensors.s_t)
 
@@ -65,6 +65,45 @@ def test_batches_come_in_order_and_the_limiter_hears_of_all_draws() -> None:
     assert source.drawn == [20, 22, 24, 26, 28]
     assert prefetcher.next(0.01) is None
     prefetcher.close()
+
+
+def test_it_tells_whether_another_minibatch_waits_already() -> None:
+    told: list[bool] = []
+    drawn = threading.Semaphore(0)
+
+    def prepare(batch: Batch, ahead: bool) -> Prepared:
+        told.append(ahead)
+        drawn.release()
+        return _prepare(batch, ahead)
+
+    source = Source(last=DEPTH + 1)
+    prefetcher = Prefetcher(cast(Replay, source), prepare, 2, batches=10)
+    for _ in range(DEPTH):
+        assert drawn.acquire(timeout=60)
+    assert told == [False, *[True] * (DEPTH - 1)]
+    for _ in range(DEPTH + 1):
+        prefetcher.next(60)
+    prefetcher.close()
+    assert len(told) == DEPTH + 1
+
+
+def test_the_first_minibatch_after_all_were_taken_does_not_wait() -> None:
+    gate, told = threading.Semaphore(1), []
+
+    def prepare(batch: Batch, ahead: bool) -> Prepared:
+        assert gate.acquire(timeout=60)
+        told.append(ahead)
+        return _prepare(batch, ahead)
+
+    prefetcher = Prefetcher(cast(Replay, Source(last=100)), prepare, 2, batches=0)
+    for _ in range(4):
+        assert prefetcher.next(60) is not None  # no other one can be ready
+        gate.release()
+    prefetcher.next(60)
+    for _ in range(DEPTH):
+        gate.release()
+    prefetcher.close()
+    assert told[:5] == [False] * 5
 
 
 def test_a_minibatch_comes_to_the_device_whole() -> None:
