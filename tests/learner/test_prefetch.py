@@ -87,23 +87,26 @@ def test_it_tells_whether_another_minibatch_waits_already() -> None:
     assert len(told) == DEPTH + 1
 
 
-def test_the_first_minibatch_after_all_were_taken_does_not_wait() -> None:
-    gate, told = threading.Semaphore(1), []
+def test_no_other_minibatch_waits_while_the_learner_takes_each_at_once() -> None:
+    drawn, told = threading.Semaphore(0), []
+
+    class Slow(Source):
+        def sample(self, drawn_so_far: int, timeout: float) -> Batch | None:
+            assert drawn.acquire(timeout=60)
+            return super().sample(drawn_so_far, timeout)
 
     def prepare(batch: Batch, ahead: bool) -> Prepared:
-        assert gate.acquire(timeout=60)
         told.append(ahead)
         return _prepare(batch, ahead)
 
-    prefetcher = Prefetcher(cast(Replay, Source(last=100)), prepare, 2, batches=0)
+    prefetcher = Prefetcher(cast(Replay, Slow(last=100)), prepare, 2, batches=7)
     for _ in range(4):
-        assert prefetcher.next(60) is not None  # no other one can be ready
-        gate.release()
-    prefetcher.next(60)
+        drawn.release()  # only when the one before was taken
+        assert prefetcher.next(60) is not None
+    assert told == [False] * 4
     for _ in range(DEPTH):
-        gate.release()
+        drawn.release()
     prefetcher.close()
-    assert told[:5] == [False] * 5
 
 
 def test_a_minibatch_comes_to_the_device_whole() -> None:
