@@ -27,6 +27,7 @@ _FIGURES = {
     "best\ntest": "play/best_test_reward",
 }
 """Figures of the table, by the heads of their columns."""
+_AT_WORK = "at work"
 
 
 @dataclass(frozen=True)
@@ -72,11 +73,16 @@ def _row(run: RunFolder) -> tuple[str, ...]:
 
 def _state(run: RunFolder, report: FolderReport) -> str:
     """Returns where somebody works at a run; or when it ended, and whether by an error."""
-    if run.is_at_work():
-        address = "" if report.endpoint == DEFAULT_ENDPOINT else f" at {report.endpoint}"
-        return f"at work{address}"
+    state = _how(run, report)
+    if state == _AT_WORK:
+        return state if report.endpoint == DEFAULT_ENDPOINT else f"{state} at {report.endpoint}"
     when = report.written.removeprefix(f"{date.today():%Y}-")
-    return f"{report.how} {when}".strip()
+    return f"{state} {when}".strip()
+
+
+def _how(run: RunFolder, report: FolderReport) -> str:
+    """Returns whether somebody works at a run, or how it ended."""
+    return _AT_WORK if run.is_at_work() else report.how
 
 
 def _told(run: RunFolder) -> dict[str, Any]:
@@ -84,7 +90,7 @@ def _told(run: RunFolder) -> dict[str, Any]:
     return {
         "run": run.name,
         "folder": str(run.path.resolve()),
-        "state": "at work" if run.is_at_work() else report.how,
+        "state": _how(run, report),
         "written": report.written or None,
         "error": report.error or None,
         "summary": report.summary or None,

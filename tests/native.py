@@ -1,5 +1,7 @@
 """Where the native kernel can be tested."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import get_args
 
 import pytest
@@ -29,3 +31,14 @@ NEEDS_NATIVE = needs_native("avx512_bf16" if bfloat16_is_faster() else "avx2")
 INSTRUCTION_SETS = [
     pytest.param(each, marks=needs_native(each)) for each in get_args(InstructionSet)
 ]
+
+
+@contextmanager
+def torch_threads(count: int) -> Iterator[None]:
+    """PyTorch, and the kernel with it, computes with so many threads."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(count)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)

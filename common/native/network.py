@@ -62,11 +62,11 @@ class NativeQNetwork(QNetwork):
             if each.dtype != torch.float32 or not each.is_contiguous(memory_format=layout):
                 raise ValueError(f"weights of {each.dtype} or in another layout")
         # Kept for all updates: 6 MB of new memory for each would cost more than the arithmetic.
-        self._gradients = [torch.zeros_like(p) for p in (*self._weights, *self._biases)]
         of_weights, of_biases = (
-            self._gradients[: len(self._weights)],
-            self._gradients[len(self._weights) :],
+            [torch.zeros_like(each) for each in tensors]
+            for tensors in (self._weights, self._biases)
         )
+        self._gradients = [*of_weights, *of_biases]
         self._of_dense = of_weights[-1]
         self._gradients_at = addresses(of_weights), addresses(of_biases)
         self._kept: _Kept | None = None

@@ -18,7 +18,7 @@ from common.native.network import NativeQNetwork
 from common.network import QNetwork
 from common.run.config import LearningConfig
 from tests.common.test_network import frames_of
-from tests.native import INSTRUCTION_SETS
+from tests.native import INSTRUCTION_SETS, torch_threads
 
 _ALL = [1, 2, 3, 4, 5, 31, 32, 33, 65]
 """Numbers of states below, at and above those that are computed together."""
@@ -62,10 +62,8 @@ def instruction_set(request: pytest.FixtureRequest) -> InstructionSet:
 
 @pytest.fixture
 def threads(request: pytest.FixtureRequest) -> Iterator[None]:
-    before = torch.get_num_threads()
-    torch.set_num_threads(request.param)
-    yield
-    torch.set_num_threads(before)
+    with torch_threads(request.param):
+        yield
 
 
 @pytest.mark.parametrize("threads", [1, 3], indirect=True)
@@ -130,15 +128,14 @@ def test_two_backward_passes_are_the_same_to_the_last_bit(instruction_set: Instr
     """Threads that add up in another order would round otherwise."""
     torch.manual_seed(1)
     network = QNetwork(6)
-    native, before = NativeQNetwork(network, instruction_set), torch.get_num_threads()
-    torch.set_num_threads(3)
+    native = NativeQNetwork(network, instruction_set)
     found = []
-    for _ in range(5):
-        network.zero_grad()
-        native.hidden_units(frames_of(40), torch.zeros(40, 0)).square().sum().backward()  # type: ignore[no-untyped-call]
-        native.backward()
-        found.append(gradients_of(network))
-    torch.set_num_threads(before)
+    with torch_threads(3):
+        for _ in range(5):
+            network.zero_grad()
+            native.hidden_units(frames_of(40), torch.zeros(40, 0)).square().sum().backward()  # type: ignore[no-untyped-call]
+            native.backward()
+            found.append(gradients_of(network))
     for each in found[1:]:
         assert all(torch.equal(*pair) for pair in zip(each, found[0], strict=True))
 

@@ -11,7 +11,7 @@ from torch import Tensor, nn
 from common.native.library import InstructionSet
 from common.run.config import LearningConfig
 from learner.algorithm.optimizers import BoundedOptimizer, build_optimizer, clip_gradients
-from tests.native import INSTRUCTION_SETS
+from tests.native import INSTRUCTION_SETS, torch_threads
 
 LOSS = torch.tensor(1.0)
 ADAM = LearningConfig(optimizer="adam", learning_rate=0.01, optimizer_epsilon=1.5e-4)
@@ -153,14 +153,10 @@ def test_the_compiled_step_is_pytorchs(
     ours, theirs = weights_of_many_shapes(), weights_of_many_shapes()
     before = [weight.detach().clone() for weight in ours]
     compiled, plain = BoundedOptimizer(ours, config, native), BoundedOptimizer(theirs, config)
-    used = torch.get_num_threads()
-    try:
-        torch.set_num_threads(threads)
+    with torch_threads(threads):
         for seed in range(20):
             take_step(compiled, ours, seed)
             take_step(plain, theirs, seed)
-    finally:
-        torch.set_num_threads(used)
     for our, their, first in zip(ours, theirs, before, strict=True):
         assert not torch.equal(our, first)
         torch.testing.assert_close(our, their, rtol=2e-5, atol=2e-6)

@@ -21,7 +21,7 @@ from common.run.presets import PRESETS
 from learner.algorithm.qr_dqn import of_action, qr_dqn, quantile_huber, target_quantiles
 from learner.device import Device
 from tests.learner.small_batches import learn, random_batch
-from tests.native import INSTRUCTION_SETS
+from tests.native import INSTRUCTION_SETS, torch_threads
 
 Losses = Callable[[Tensor, Tensor], Tensor]
 CPU = Device(torch.device("cpu"), bfloat16=False)
@@ -105,14 +105,10 @@ def test_loss_and_gradient_of_many_quantiles(
     weights = np.array([1, 0.5, 0, 3, 1])
     losses, _ = _reference(predicted, targets)
     ours = torch.tensor(predicted, dtype=torch.float32, requires_grad=True)
-    used = torch.get_num_threads()
-    try:
-        torch.set_num_threads(threads)
+    with torch_threads(threads):
         # In another layout than the code reads.
         found = losses_of(ours, torch.tensor(targets.T.copy(), dtype=torch.float32).T)
         (torch.tensor(weights) * found).sum().backward()  # type: ignore[no-untyped-call]
-    finally:
-        torch.set_num_threads(used)
     np.testing.assert_allclose(found.detach().numpy(), losses, rtol=1e-4)
     gradient = np.stack(
         [
