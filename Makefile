@@ -110,7 +110,7 @@ figures: setup  ## draw the figures of docs/ from the results
 		$(RESULTS)/robot_pong_async.json --names "emulator alone (R1, seed 1)" \
 		"robot, camera frames alone (R5, seed 1)" "robot with proprioception (R5, seed 1)" \
 		"published robot policy in real time"
-	$(PLOT) --figure delay $(RESULTS)/late_keys.csv -o docs/late_keys.png \
+	$(PLOT) --figure latency $(RESULTS)/hand_latency.csv -o docs/hand_latency.png \
 		--names "trained without latency (ale_pong)" "trained with 33 ms of latency (R2)"
 	$(PLOT) --figure press $(RESULTS)/press_latency.json -o docs/press_latency.png
 	$(PLOT) --figure race $(addprefix $(RESULTS)/race_,ale_short.json robot_short.json robot_whole.json) \

@@ -85,7 +85,7 @@ class Actor:
                 self._member.stop.set()
 
     def _pause_while_throttled(self, step: Step) -> None:
-        began = time.monotonic()
+        then = time.monotonic()
         ack = self._inserts.last_ack
         while ack is not None and ack.throttle and not self._member.stop.is_set():
             answer = self._inserts.poll()
@@ -93,7 +93,10 @@ class Actor:
             ack = answer or ack
             self._sync.take_weights()
             self._views.show(step)
-        self._counters.held_seconds += time.monotonic() - began
+            # At each turn, because heartbeats report it meanwhile.
+            now = time.monotonic()
+            self._counters.throttled_seconds += now - then
+            then = now
 
     def _leave(self) -> None:
         for chunker in self._chunkers:

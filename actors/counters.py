@@ -22,7 +22,7 @@ class ActorCounters:
 
     def __init__(self, name: str = "", role: Role = "actor", incarnation: int = 0) -> None:
         self.stats = ActorStats(name, role, incarnation, machine=socket.gethostname()[:MAX_TEXT])
-        self.held_seconds = 0.0
+        self.throttled_seconds = 0.0
         self.key_times = [0] * COUNTS
         """How long the hands took; see `common.press_latency`."""
         self._began = time.monotonic()
@@ -46,7 +46,7 @@ class ActorCounters:
         Args:
             chunks: counters of the insert client, by their field in `ActorStats`.
         """
-        rate, held, busy = self.rates()
+        rate, throttled, busy = self.rates()
         return replace(
             self.stats,
             leaving=leaving,
@@ -54,7 +54,7 @@ class ActorCounters:
             busy_cores=busy,
             memory_bytes=footprint().private,
             steps_per_second=rate,
-            held_share=held,
+            throttled_share=throttled,
             epsilon=policy.epsilon,
             weights_version=policy.weights_version,
             key_times=tuple(self.key_times),
@@ -65,10 +65,10 @@ class ActorCounters:
         """Returns the rates of the last `WINDOW`: steps per second, the share of time throttled,
         and seconds of processor time per second."""
         now, worked = time.monotonic(), time.process_time()
-        self._looks.append((now, self.stats.steps, self.held_seconds, worked))
+        self._looks.append((now, self.stats.steps, self.throttled_seconds, worked))
         while now - self._looks[0][0] > WINDOW:
             self._looks.popleft()
-        then, steps, held, worked_then = self._looks[0]
+        then, steps, throttled, worked_then = self._looks[0]
         seconds = max(now - then, 1e-6)
-        share = min((self.held_seconds - held) / seconds, 1.0)
+        share = min((self.throttled_seconds - throttled) / seconds, 1.0)
         return (self.stats.steps - steps) / seconds, share, (worked - worked_then) / seconds

@@ -42,7 +42,8 @@ class ActorOptions:
     """Number of environments in this process, played with one forward pass."""
     precision: PrecisionChoice = "auto"
     """Precision of the native kernel; 'auto' takes bfloat16 if the processor multiplies it faster.
-    PyTorch computes in float32."""
+    Where the kernel is not the faster one in bfloat16, float32 is taken. PyTorch computes in
+    float32."""
     kernel: KernelChoice = "auto"
     """Code of the network: 'torch', or 'native', which g++ or clang compiles here once; 'auto'
     takes what is faster. Evaluators compute by 'torch'."""
@@ -65,6 +66,10 @@ class ActorOptions:
             raise InputError("an evaluator plays one game at a time: omit --envs.")
         if self.evaluator and self.kernel == "native":
             raise InputError("an evaluator computes by PyTorch: omit --kernel native.")
+        if self.evaluator and self.precision != "auto":
+            raise InputError(
+                f"an evaluator computes in float32: omit --precision {self.precision}."
+            )
 
     def check_against(self, config: RunConfig) -> None:
         """Refuses a run that plays something other than these options ask for."""

@@ -124,7 +124,10 @@ def _instruction_set(
         return None
     chosen = options.precision
     bfloat16 = bfloat16_is_faster() if chosen == "auto" else chosen == "bfloat16"
-    return choose_kernel(options.kernel, bfloat16=bfloat16, network=network)
+    found = choose_kernel(options.kernel, bfloat16=bfloat16, network=network)
+    if found is None and chosen == "bfloat16":  # for a learner that has other hardware
+        found = choose_kernel(options.kernel, bfloat16=False, network=network)
+    return found
 
 
 def _name_of(options: ActorOptions) -> str:

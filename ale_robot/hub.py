@@ -11,7 +11,6 @@ import json
 import re
 import sys
 import tempfile
-import threading
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -20,7 +19,7 @@ import tyro
 
 from ale_robot.commands import POLICY_COMMANDS
 from ale_robot.model_card import model_card
-from ale_robot.policies import Policies
+from ale_robot.policies import list_policies
 from common.atomic_file import write_atomically, write_json
 from common.checked import NAME
 from common.errors import InputError
@@ -183,7 +182,7 @@ def _ask(what: str, repository: str, **arguments: Any) -> Any:
 def main() -> None:
     """Lists the shipped policies, or pushes or pulls one."""
     if not sys.argv[1:]:
-        Policies().run(threading.Event())
+        list_policies()
         return
     if (name := sys.argv[1]) not in POLICY_COMMANDS and not name.startswith("-"):
         raise InputError(

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ale_robot.environments import env_id
-from ale_robot.policies import Grid, evaluation_rows
+from ale_robot.policies import GridScores, evaluation_rows
 from common.minus import minus_signed
 from common.press_latency import ms_of
 from common.process.extras import extra_for
@@ -65,7 +65,7 @@ def model_card(name: str, card: Mapping[str, Any], config: RunConfig, repository
         steps=card["agent_steps"],
         milliseconds=ms_of(play.frame_skip),
         rows="\n".join(f"| {e:g} | {s:g} | {score} | {games} |" for e, s, score, games in rows),
-        grid="" if (grid := Grid.of(card)) is None else _grid_text(grid),
+        grid="" if (grid := GridScores.of(card)) is None else _grid_text(grid),
         repository=repository,
         sha256=card["sha256"],
     )
@@ -107,7 +107,7 @@ def _metadata(name: str, identity: str, rows: Sequence[tuple[float, float, str, 
     return yaml
 
 
-def _grid_text(grid: Grid) -> str:
+def _grid_text(grid: GridScores) -> str:
     """Returns the paragraph on the grid of worlds."""
     mean, worst = (minus_signed(f"{score:.2f}") for score in (grid.mean, grid.worst))
     return (

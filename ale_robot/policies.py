@@ -1,9 +1,7 @@
 """`ale-robot policies`: lists the shipped policies, by the cards beside their networks."""
 
 import json
-import threading
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from rich import box
@@ -27,43 +25,38 @@ _WIDTH = 80
 """Columns that the table needs."""
 
 
-@dataclass(frozen=True)
-class Policies:
-    """List the policies that are shipped with the program, and their scores."""
-
-    def run(self, stop: threading.Event) -> None:
-        cards = {
-            path.stem: json.loads(path.read_bytes()) for path in sorted(SHIPPED.glob("*.json"))
-        }
-        scores: dict[str, dict[str, str]] = {
-            name: {_chance(row): _score(row["mean"]) for row in evaluation_rows(card)}
-            for name, card in cards.items()
-        }
-        for name, card in cards.items():
-            if (grid := Grid.of(card)) is not None:
-                mean, worst = (minus_signed(f"{each:.1f}") for each in (grid.mean, grid.worst))
-                scores[name][f"{grid.worlds} worlds"] = f"{mean}/{worst}"
-        chances = list(dict.fromkeys(chance for row in scores.values() for chance in row))
-        # Headings of two lines leave room for long names at 80 columns.
-        columns = [Column(each.replace(" ", "\n"), justify="right") for each in chances]
-        texts = (Column(each, no_wrap=True) for each in ("policy", "game", "env", "input"))
-        table = Table(*texts, *columns, box=box.SIMPLE, padding=0, show_edge=False)
-        for name, card in cards.items():
-            config = card["config"]
-            table.add_row(
-                name,
-                config["game"],
-                config["env"],
-                "vector" if config["play"]["vector"] else "frames",
-                *(scores[name].get(chance, "") for chance in chances),
-            )
-        console = Console(highlight=False)
-        # In a narrower terminal lines go on below: no figure is cut.
-        Console(highlight=False, width=max(console.width, _WIDTH)).print(table)
-        console.print(_LEGEND, markup=False)
+def list_policies() -> None:
+    """Prints the policies that are shipped with the program, and their scores."""
+    cards = {path.stem: json.loads(path.read_bytes()) for path in sorted(SHIPPED.glob("*.json"))}
+    scores: dict[str, dict[str, str]] = {
+        name: {_chance(row): _score(row["mean"]) for row in evaluation_rows(card)}
+        for name, card in cards.items()
+    }
+    for name, card in cards.items():
+        if (grid := GridScores.of(card)) is not None:
+            mean, worst = (minus_signed(f"{each:.1f}") for each in (grid.mean, grid.worst))
+            scores[name][f"{grid.worlds} worlds"] = f"{mean}/{worst}"
+    chances = list(dict.fromkeys(chance for row in scores.values() for chance in row))
+    # Headings of two lines leave room for long names at 80 columns.
+    columns = [Column(each.replace(" ", "\n"), justify="right") for each in chances]
+    texts = (Column(each, no_wrap=True) for each in ("policy", "game", "env", "input"))
+    table = Table(*texts, *columns, box=box.SIMPLE, padding=0, show_edge=False)
+    for name, card in cards.items():
+        config = card["config"]
+        table.add_row(
+            name,
+            config["game"],
+            config["env"],
+            "vector" if config["play"]["vector"] else "frames",
+            *(scores[name].get(chance, "") for chance in chances),
+        )
+    console = Console(highlight=False)
+    # In a narrower terminal lines go on below: no figure is cut.
+    Console(highlight=False, width=max(console.width, _WIDTH)).print(table)
+    console.print(_LEGEND, markup=False)
 
 
-class Grid(NamedTuple):
+class GridScores(NamedTuple):
     """The scores of a policy in a grid of other worlds (`benchmarks.lab.robustness`), from its
     card."""
 
@@ -78,7 +71,7 @@ class Grid(NamedTuple):
     """Longest latency that is added to the hands, ms."""
 
     @classmethod
-    def of(cls, card: Mapping[str, Any]) -> "Grid | None":
+    def of(cls, card: Mapping[str, Any]) -> "GridScores | None":
         """Returns the grid in a card; None if it has none."""
         return cls(**card["grid"]) if "grid" in card else None
 

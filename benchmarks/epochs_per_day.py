@@ -16,8 +16,8 @@ from typing import Any, NamedTuple
 
 from benchmarks.local_run import LocalRun, Pace, Setting
 from benchmarks.report import Report, Seconds, main
+from common.run.epochs import epochs_per_day
 from common.run.presets import PRESETS
-from learner.phases import epochs_per_day
 
 _DAY = 86_400
 _REPORT = PRESETS["paper"].protocol

@@ -18,9 +18,10 @@ from benchmarks.report import BenchmarkOptions, Numbers, Report, Seconds, main
 from benchmarks.second_router import second_router
 from common.checked import FromOne
 from common.process.footprint import footprint
+from common.run.conditions import DEFAULT_PLAY
 
-STEPS_PER_SECOND = 15
-"""Agent steps per second of a robot in real time: 60 frames of the game, 4 for each step."""
+STEPS_PER_SECOND = round(DEFAULT_PLAY.steps_per_second)
+"""Agent steps per second of a robot in real time."""
 WEIGHTS_BYTES = 6_700_000
 """Size of the weights of the network of Mnih et al. 2015."""
 

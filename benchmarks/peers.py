@@ -26,6 +26,7 @@ from benchmarks.peer_dqn import peer_dqn
 from benchmarks.peer_replays import REPLAYS
 from benchmarks.report import BenchmarkOptions, Report, Seconds, main
 from common.checked import FromOne
+from common.counted import counted
 from common.errors import InputError
 
 Subject = Literal["training", "replay", "update"]
@@ -101,7 +102,7 @@ def compare_training(options: Options) -> list[dict[str, Any]]:
     contenders: dict[str, Callable[[], float]] = {}
     for threads in sorted({1, cores}):
         train(options.seconds / 3, threads)  # warms up
-        name = f"stable-baselines3 DQN, {threads} thread{'s' if threads > 1 else ''}"
+        name = f"stable-baselines3 DQN, {counted(threads, 'thread')}"
         contenders[name] = partial(train, options.seconds, threads)
     contenders["ours"] = partial(our_training, options.seconds)
     found = in_turns(contenders, options.turns, warm_up=0)
@@ -150,7 +151,7 @@ def compare_updates() -> list[dict[str, Any]]:
     for threads in sorted({1, cores}):
         torch.set_num_threads(threads)
         found += in_short_turns(
-            f"updates of 32, {threads} thread{'s' if threads > 1 else ''}",
+            f"updates of 32, {counted(threads, 'thread')}",
             {
                 "PyTorch eager float32": partial(slice_per_second, peer_update.eager()),
                 "ours": partial(slice_per_second, peer_update.ours()),

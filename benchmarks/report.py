@@ -167,13 +167,15 @@ def measure_missing(
     for each in asked:
         if not any(each.items() <= part.items() for part in (*done, *missing)):
             missing.append(each)
-    for each in counted(missing, lambda each: ", ".join(f"{key} {each[key]}" for key in each)):
+    for each in with_time_left(
+        missing, lambda each: ", ".join(f"{key} {each[key]}" for key in each)
+    ):
         done.append({**each, **measure(**each)})
         write(file, found)
     return done
 
 
-def counted(work: Sequence[T], words: Callable[[T], str]) -> Iterator[T]:
+def with_time_left(work: Sequence[T], words: Callable[[T], str]) -> Iterator[T]:
     """Yields the parts of ``work``; before each, prints its ``words`` and the time that is left."""
     began = time.monotonic()
     for done, part in enumerate(work):

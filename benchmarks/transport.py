@@ -13,6 +13,7 @@ from benchmarks.child import Helper
 from benchmarks.hosted_run import NEVER, RUN, HostedRun
 from benchmarks.report import BenchmarkOptions, Report, Seconds, main
 from common.checked import FromOne
+from common.counted import counted
 from common.run.config import LearningConfig, StreamConfig
 
 
@@ -125,8 +126,8 @@ def measure(options: Options) -> Report:
     }
     told = ("chunk_steps", "batch_size", "senders", "window", "sampler", "paced")
     return Report.of(
-        f"Zenoh on loopback: chunks of {options.chunk_steps} steps from {options.senders} "
-        f"sender{'s' if options.senders > 1 else ''}, {options.sampler} batches of "
+        f"Zenoh on loopback: chunks of {options.chunk_steps} steps from "
+        f"{counted(options.senders, 'sender')}, {options.sampler} batches of "
         f"{options.batch_size}",
         [row(*each) for each in found.values()],
         {name: getattr(options, name) for name in told}

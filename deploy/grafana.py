@@ -34,7 +34,7 @@ _FIRST: dict[str, tuple[str, ...]] = {
     "Memory and files": ("run/memory_bytes", "replay/private_bytes", "replay/file_bytes"),
 }
 """Figures of the panels that are shown first, by the panels' titles."""
-_FIRST_OF_ACTORS = ("actor/steps_per_second", "actor/held_share")
+_FIRST_OF_ACTORS = ("actor/steps_per_second", "actor/throttled_share")
 OF_LEARNER = '{job="ale-robot-learner",instance="$learner"}'
 """Selector of the series of the learner that a person has chosen."""
 _LEARNERS = 'label_values(up{job="ale-robot-learner"}, instance)'

@@ -125,7 +125,8 @@ class Demonstrations:
         stats.incarnation = int(self.begun.fingerprint[:15], 16)
 
     def _refuse_others(self, path: Path) -> None:
-        recorded, wanted = (flat(each) for each in (self._dataset.config, self._config))
+        both = self._dataset.config, self._config
+        recorded, wanted = (flat(each) | {"game": each.task} for each in both)
         unequal = [
             f"{name} {recorded[name]} instead of {wanted[name]}"
             for name in _ALIKE

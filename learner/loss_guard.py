@@ -86,7 +86,7 @@ class LossGuard:
         )
 
     def _quarantine(self, ids: NDArray[np.int64], priorities: NDArray[np.float32]) -> None:
-        """Makes the replay never draw the faulty steps again: all of them if none stands out."""
+        """Makes the replay draw the faulty steps no more, all of them if none stands out."""
         faulty = ~np.isfinite(priorities)
         if not faulty.any():
             faulty[:] = True

@@ -11,11 +11,10 @@ from common.metrics import Value
 from common.protocol.run_keys import DEMONSTRATIONS
 from common.run.config import RunConfig
 from common.run.epochs import EpochRow
-from common.run.hands import keys_can_follow
+from common.run.hands import keys_can_follow, latest_play
 from learner.evaluation.coordinator import EpochTest
 from learner.faulty_environments import FaultyEnvironments
 from learner.run_clock import RunClock
-from learner.telemetry.health_checks import latest_play
 from replay.chunk_statistics import ChunkStatistics
 
 if TYPE_CHECKING:  # as in `learner.device`
@@ -241,24 +240,6 @@ class Phases:
             setattr(self, name, int(books[name]))
         self._scores = [float(score) for score in books["phase_scores"]]
         self._recent_scores.extend(float(score) for score in books["recent_scores"])
-
-
-def epochs_per_day(
-    epoch_steps: int, test_steps: int, train_rate: float | None, test_rate: float | None
-) -> float | None:
-    """Returns how many epochs fit in a day at these rates, in steps per second.
-
-    It counts training and then testing, one after the other as in 2017, so that the figure can be
-    compared with that experiment's 40 (ALE-Only) and 2 to 4 (ALE-Robot) epochs a day. Here
-    evaluators play during training, so if both rates were measured side by side, a run makes at
-    least as many epochs. None if a needed rate is unknown or 0.
-    """
-    seconds = 0.0
-    for steps, rate in ((epoch_steps, train_rate), (test_steps, test_rate)):
-        if steps and not rate:
-            return None
-        seconds += steps / rate if rate else 0.0
-    return 86_400 / seconds if seconds else None
 
 
 def _row(

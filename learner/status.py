@@ -170,7 +170,7 @@ def _rows(learner: RunStatus | None) -> Iterator[tuple[str, ...]]:
     rate = fill("{learning/updates_per_second} updates/s", learner.values)
     yield "learner", state, learner.version, rate, UNKNOWN, _ago(learner.silent_for)
     for actor in learner.actors:
-        share = round(100 * actor.held_share)
+        share = round(100 * actor.throttled_share)
         held = f", throttled {share}%" if share else ""
         yield (
             actor.name,

@@ -104,8 +104,8 @@ class RemoteReplay:
 
         It returns at once. Messages arrive in order. One is lost if the server is away, or if
         `MAX_PRIORITY_UPDATES` earlier ones are unanswered because the server cannot keep up. That
-        costs only freshness: steps keep their priorities, and a step that is drawn again gets a new
-        one. Raises InputError if the server refused an earlier message.
+        costs only freshness: steps keep their priorities, or stay to be drawn, and a step that is
+        drawn again gets a new one. Raises InputError if the server refused an earlier message.
         """
         with self._updating:
             while self._priority_updates and self._priority_updates[0].done():
@@ -120,7 +120,7 @@ class RemoteReplay:
         """See `Replay.held_out`. Raises InputError if `close` was called while the server was away,
         or if so many states do not fit into a message."""
         request = HeldOutRequest(count, newest).encode()
-        held = _decoded(HeldOutStates, self._insist(self._held_out, request))
+        held = _decoded(HeldOutStates, self._until_answered(self._held_out, request))
         return held.frames, held.vectors
 
     def progress(self, since: int = MAX_COUNT, *, goal: int | None = None) -> ReplayProgress:
@@ -129,7 +129,7 @@ class RemoteReplay:
         run."""
         requester = self._last if self._closed.is_set() else self._progress
         request = ProgressRequest(since, goal).encode()
-        found = _decoded(ReplayProgress, self._insist(requester, request))
+        found = _decoded(ReplayProgress, self._until_answered(requester, request))
         if found.run_id != self.run_id:
             raise InputError(
                 "the replay serves another run under this name now: give it back the run's folder "
@@ -163,7 +163,7 @@ class RemoteReplay:
         for requester in (*quick, self._held_out, self._syncs):
             requester.close()
 
-    def _insist(self, requester: Requester, request: bytes) -> bytes:
+    def _until_answered(self, requester: Requester, request: bytes) -> bytes:
         away = False
         while (answer := _answer(requester.request(request))) is None:
             if self._closed.is_set():

@@ -75,10 +75,10 @@ class ReplayBuffer:
             ends = self._finished or self._drains
             return ends or not self._should_throttle() or self._turns.admits(actor)
 
-    def insists(self, actor: str) -> bool:
+    def ignores_throttle(self, actor: str) -> bool:
         """Whether ``actor`` keeps sending although `admits` refuses it."""
         with self._state:
-            return self._turns.insists(actor)
+            return self._turns.ignores_throttle(actor)
 
     def insert(self, chunk: Chunk) -> Ack:
         """Stores ``chunk``, unless it was received before. It never waits for the learner.

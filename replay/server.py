@@ -120,7 +120,7 @@ class ReplayServer(AbstractContextManager["ReplayServer"]):
         known = self._quota.knows(actor)
         steps = max(request.size / FRAME_BYTES, 1.0) if request.size else _POLL_STEPS
         if request.size and known and not self._buffer.admits(actor):
-            if not self._buffer.insists(actor):
+            if not self._buffer.ignores_throttle(actor):
                 return False
             text = f"{actor} keeps sending although it is throttled"
         elif self._quota.admits(actor, steps):

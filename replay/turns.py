@@ -68,7 +68,7 @@ class Turns:
         self._let_go.add(actor)
         self._forget()
 
-    def insists(self, actor: str) -> bool:
+    def ignores_throttle(self, actor: str) -> bool:
         """Whether ``actor`` keeps sending although it is refused."""
         return self._refused[actor] >= INSISTENCE
 

@@ -9,8 +9,8 @@ from collections import deque
 import numpy as np
 from numpy.random import Generator
 
-from actors.envs.actuation_delay import ActuationDelay
 from actors.envs.key_watch import KeyWatch, WatchedHands
+from actors.envs.modelled_hand import ModelledHand
 from actors.robots.interface import Hands
 from common.actions import Keys
 from common.run.conditions import PlayConfig
@@ -60,14 +60,14 @@ def hands_of(
     """Returns the hands that ``play`` asks for, with their latency.
 
     Args:
-        arms: the robot, or a latency model. Without either (None), the hand is `ActuationDelay`.
+        arms: the robot, or a latency model. Without either (None), the hand is `ModelledHand`.
         rng: seeds the jitter; used only if there is jitter.
         watch: times the hands and is told of each command that reaches them.
     """
     latency, jitter = play.actuation_latency, play.actuation_jitter
     hands = arms
     if hands is None or play.hand == "model":
-        hands = ActuationDelay(play)
+        hands = ModelledHand(play)
     if watch is not None:
         hands = WatchedHands(hands, watch)
     if latency == jitter == 0:

@@ -11,15 +11,14 @@ import numpy as np
 
 from actors.robots.interface import Hands
 from common.actions import KEYS_OF_ACTION, Keys
-from common.press_latency import ms_of
+from common.press_latency import MAX_FRAMES, ms_of
+from common.run.conditions import DEFAULT_PLAY
 
 FRAME_MS = ms_of(1)
-AGENT_STEP = 4
+AGENT_STEP = DEFAULT_PLAY.frame_skip
 """Emulator frames per agent step."""
 AGENT_STEP_MS = AGENT_STEP * FRAME_MS
 _SETTLED = 3 * AGENT_STEP
-_WATCHED = 30
-"""Emulator frames after which keys that are still wrong count as not reached."""
 _ACTIONS = len(KEYS_OF_ACTION)
 CHANGES = 2 * _ACTIONS * (_ACTIONS - 1)
 """Number of changes in one repetition."""
@@ -56,7 +55,7 @@ def changes(hands: Hands, repetitions: int, seed: int) -> Iterator[Change]:
                         hold(hands, KEYS_OF_ACTION[action], AGENT_STEP)
                 before = hold(hands, KEYS_OF_ACTION[old], _SETTLED if settled else AGENT_STEP)[-1]
                 wanted = KEYS_OF_ACTION[new]
-                way = hold(hands, wanted, _WATCHED)
+                way = hold(hands, wanted, MAX_FRAMES)
                 allowed = KEYS_OF_ACTION[old] | wanted | before
                 wrong = [number for number, keys in enumerate(way, start=1) if keys != wanted]
                 frames = max(wrong, default=0) + 1
@@ -64,7 +63,7 @@ def changes(hands: Hands, repetitions: int, seed: int) -> Iterator[Change]:
                     old,
                     new,
                     settled,
-                    frames if frames <= _WATCHED else None,
+                    frames if frames <= MAX_FRAMES else None,
                     any(keys & ~allowed for keys in way),
                 )
 

@@ -1,14 +1,14 @@
 """`python -m benchmarks.figures.plot FILE … --figure NAME -o figure.png`: draws results.
 
-It draws the figures of runs (`learner.figures.plot`) and others: `--figure delay` takes tables of
-`python -m benchmarks.lab.actuation_latency`; race, games, robustness, press and scaling take files
+It draws the figures of runs (`learner.figures.plot`) and others: `--figure latency` takes tables of
+`python -m benchmarks.lab.hand_latency`; race, games, robustness, press and scaling take files
 that the experiment of that name wrote with `--json`.
 """
 
 from dataclasses import dataclass
 
-from benchmarks.figures.plot_delay import delay_figure, read_late_keys
 from benchmarks.figures.plot_games import games_figure
+from benchmarks.figures.plot_hand_latency import hand_latency_figure, read_hand_latency
 from benchmarks.figures.plot_press import press_figure, read_press
 from benchmarks.figures.plot_race import race_figure
 from benchmarks.figures.plot_robustness import read_grid, robustness_figure
@@ -23,15 +23,17 @@ class Options(plot.Options):
     """Draw runs, or the results of evaluations, experiments and benchmarks."""
 
     figure: str = "epochs"
-    """Figure: 'epochs', 'progress' or 'histogram', as of `ale-robot plot`; 'delay', score against
-    actuation latency; 'race', score against wall clock; 'games', robots beside their twins without
+    """Figure: 'epochs', 'progress' or 'histogram', as of `ale-robot plot`; 'latency', score against
+    the hand's latency; 'race', score against wall clock; 'games', robots beside their twins without
     a body; 'robustness', score by latency and optics; 'press', time from a command to its keys; or
     'scaling', speed against actors."""
 
 
 FIGURES: plot.Figures = {
     **plot.FIGURES,
-    "delay": lambda options: delay_figure(renamed(read_late_keys(options.paths), options.names)),
+    "latency": lambda options: hand_latency_figure(
+        renamed(read_hand_latency(options.paths), options.names)
+    ),
     "race": lambda options: race_figure(options.paths),
     "games": lambda options: games_figure(options.paths[0]),
     "robustness": lambda options: robustness_figure([read_grid(path) for path in options.paths]),

@@ -17,8 +17,8 @@ def games_figure(path: Path) -> Figure:
     """Returns a panel for each game in the file ``path`` that `python -m benchmarks.lab.games`
     wrote.
 
-    A panel has the mean scores of training games by agent steps, random play, and a human's score
-    if it is near.
+    A panel has the mean scores of training games by training steps, random play, and a human's
+    score if it is near.
 
     Raises:
         InputError: the file holds something else, or no run yet.
@@ -58,7 +58,7 @@ def games_figure(path: Path) -> Figure:
                 label="human",
             )
         each.set_title(game.replace("_", " "), loc="left", fontsize=10, color=INK)
-    figure.supxlabel("agent steps, thousands", fontsize=10, color=INK)
+    figure.supxlabel("training steps, thousands", fontsize=10, color=INK)
     figure.supylabel("mean score of training games", fontsize=10, color=INK)
     legend(figure)
     return figure

@@ -97,7 +97,7 @@ def measure(options: Options) -> Report:
         "the training games did not come within two points of its own world"
         if reached is None
         else f"the training games were within two points of its own world after "
-        f"{reached.total_train_steps:,} agent steps and {reached.total_time / 60:.0f} minutes"
+        f"{reached.total_train_steps:,} training steps and {reached.total_time / 60:.0f} minutes"
     )
     title = f"{options.network.stem} in the world of {options.to}, ε = {options.epsilon:g}"
     tables = [Table(title, rows)] + ([Table("training games", points)] if points else [])

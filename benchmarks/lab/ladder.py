@@ -22,7 +22,7 @@ from typing import Any, Literal
 
 from benchmarks.lab.games import ANCHORS
 from benchmarks.lab.policy import TrainingOptions, evaluate, first_at, scores_of, train
-from benchmarks.report import Report, counted, main, scored
+from benchmarks.report import Report, main, scored, with_time_left
 from common.atomic_file import check_new_file, write_atomically, write_json
 from common.checked import Fraction, FromOne
 from common.process.command_line import PRESENT_FLAGS
@@ -53,9 +53,10 @@ COLUMNS = (
     "press_match_share", "valid_frame_share", "cpu", "cores", "device", "git_commit", "git_dirty",
     "note",
 )  # fmt: skip
-"""Columns of the table. ``steps_to_0`` and the like: agent steps and wall-clock seconds at the end
-of the first epoch whose training games had that mean; empty if there was none. ``flags`` use the
-names of the row's commit. ``note``, written by hand: why the flags do not reproduce the row there.
+"""Columns of the table. ``steps_to_0`` and the like: training steps, without those of the warm-up,
+and wall-clock seconds at the end of the first epoch whose training games had that mean; empty if
+there was none. ``flags`` use the names of the row's commit. ``note``, written by hand: why the
+flags do not reproduce the row there.
 """
 
 
@@ -161,7 +162,7 @@ def add_row(path: Path, row: dict[str, Any]) -> None:
 def measure(options: Options) -> Report:
     rows = []
     seeds = range(options.seed, options.seed + options.seeds)
-    for seed in counted(seeds, "seed {}".format):
+    for seed in with_time_left(seeds, "seed {}".format):
         row = climb(options, seed)
         add_row(options.output, row)
         rows.append({"seed": seed, "best test": row["best_test_reward"], "games": scored(row)})

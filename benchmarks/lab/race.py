@@ -22,7 +22,16 @@ from benchmarks.lab.ladder import MILESTONES
 from benchmarks.lab.policy import TrainingOptions, evaluate, headline, train
 from benchmarks.peer_dqn import Point, peer_curve
 from benchmarks.peers import is_installed
-from benchmarks.report import Report, Table, counted, main, measure_missing, resumed, scored, write
+from benchmarks.report import (
+    Report,
+    Table,
+    main,
+    measure_missing,
+    resumed,
+    scored,
+    with_time_left,
+    write,
+)
 from common.checked import MAX_NAME, FromOne
 from common.errors import InputError
 from common.run.config import PresetName, ProtocolConfig, RunConfig
@@ -99,7 +108,9 @@ def measure(options: Options) -> Report:
         write(options.json, found)
     tests = [(run, test) for run in runs for test in run["tests"] if "mean" not in test]
     last = [(run, None) for run in runs if "headline" not in run]
-    for run, test in counted([*tests, *last], lambda work: f"test of seed {work[0]['seed']}"):
+    for run, test in with_time_left(
+        [*tests, *last], lambda work: f"test of seed {work[0]['seed']}"
+    ):
         _test(options, run, test)
         write(options.json, found)
     return Report(_tables(found), found, notes)
@@ -129,7 +140,7 @@ def _train(options: Options, seed: int) -> dict[str, Any]:
             {
                 "epoch": row.epoch,
                 "seconds": row.total_time,
-                "agent_steps": row.total_train_steps + warm_up,
+                "agent_steps": row.agent_steps(warm_up),
             }
             for row in EpochTable(folder.epochs).rows()
             if row.phase == "train"

@@ -18,7 +18,7 @@ from typing import Annotated, Any, Literal
 
 from annotated_types import Ge, Le, MinLen
 
-from ale_robot.policies import Grid
+from ale_robot.policies import GridScores
 from benchmarks.lab.policy import PlayingOptions, evaluate
 from benchmarks.report import Report, Table, main, measure_missing, resumed, scored
 from common.atomic_file import write_json
@@ -148,7 +148,7 @@ def measure(options: Options) -> Report:
     found["rows"] = rows
     means = [grid[place]["mean"] for place in asked]
     if options.card:
-        told = Grid(
+        told = GridScores(
             worlds=len(means),
             games=options.games,
             mean=round(sum(means) / len(means), 4),
@@ -171,7 +171,7 @@ def _play(options: Options, optics: Optics, latency: int) -> dict[str, Any]:
     return {"added_ms": ms_of(latency)} | {name: told[name] for name in _KEPT}
 
 
-def _add_to_card(network: Path, grid: Grid, sha256: str) -> None:
+def _add_to_card(network: Path, grid: GridScores, sha256: str) -> None:
     file = network.with_suffix(".json")
     card = json.loads(file.read_bytes())
     if card.get("sha256") != sha256:

@@ -53,7 +53,7 @@ class ActorStats(Message):
         "stream/chunks_retried", "chunks", "Chunks that actors sent again",
         label="retried", panel=("Stream", 5), curve=True, summary="chunks.retried")
     refused: Count = counter("actors/refused", "chunks", "Chunks that actors know were refused")
-    held_share: Amount = 0.0
+    throttled_share: Amount = 0.0
     """Share of time for which it paused because the learner was behind."""
     valid: Count = counter("actors/valid", "steps", "Steps whose frame showed the screen")
     matched: Count = counter("actors/matched", "steps", "Steps that ended with the commanded keys")

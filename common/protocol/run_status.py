@@ -46,7 +46,7 @@ class ActorStatus(NamedTuple):
     steps_per_second: Amount
     lag: Count
     """Number of updates by which its weights are behind the newest."""
-    held_share: Amount
+    throttled_share: Amount
 
 
 @dataclass(frozen=True)

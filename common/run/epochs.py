@@ -168,6 +168,24 @@ class EpochTable:
         return InputError(f"{self._path} is damaged ({what}): repair it, or start a new run.")
 
 
+def epochs_per_day(
+    epoch_steps: int, test_steps: int, train_rate: float | None, test_rate: float | None
+) -> float | None:
+    """Returns how many epochs fit in a day at these rates, in steps per second.
+
+    It counts training and then testing, one after the other as in 2017, so that the figure can be
+    compared with that experiment's 40 (ALE-Only) and 2 to 4 (ALE-Robot) epochs a day. Here
+    evaluators play during training, so if both rates were measured side by side, a run makes at
+    least as many epochs. None if a needed rate is unknown or 0.
+    """
+    seconds = 0.0
+    for steps, rate in ((epoch_steps, train_rate), (test_steps, test_rate)):
+        if steps and not rate:
+            return None
+        seconds += steps / rate if rate else 0.0
+    return 86_400 / seconds if seconds else None
+
+
 def _cell(value: Any) -> Any:
     """Returns ``value``, a whole number without its fraction: -21, as in 2017, not -21.0."""
     whole = isinstance(value, float) and value.is_integer() and abs(value) < 2**53

@@ -1,11 +1,24 @@
 """What can be expected of a robot's hands under the settings of play."""
 
+from dataclasses import replace
+
 from common.registry import ROBOTS
 from common.run.conditions import PlayConfig
+from common.run.config import RunConfig
 
 _PRESS_FRAMES = 4
 """Emulator frames within which the arms nearly always press the commanded keys, p99 of
 `python -m benchmarks.lab.press_latency`."""
+
+
+def latest_play(config: RunConfig) -> PlayConfig:
+    """Returns the settings of play, with the longest latencies that may be drawn."""
+    return replace(
+        config.play,
+        press_latency=config.play.press_latency + config.randomise.press_latency,
+        actuation_latency=config.play.actuation_latency + config.randomise.latency,
+        actuation_jitter=config.play.actuation_jitter + config.randomise.jitter,
+    )
 
 
 def keys_can_follow(play: PlayConfig) -> bool:

@@ -179,7 +179,9 @@ class ActorRegistry:
                 # It counts as alive until it is clear that no farewell follows.
                 alive = known.alive or (known.lost is not None and not stats.leaving)
                 if not alive:
-                    stats = replace(stats, steps_per_second=0.0, held_share=0.0, busy_cores=0.0)
+                    stats = replace(
+                        stats, steps_per_second=0.0, throttled_share=0.0, busy_cores=0.0
+                    )
                 left = not alive and (process is None or stats.leaving) and silent > LEFT_SHOWN
                 found.append(ActorView(stats=stats, alive=alive, silent_for=silent, left=left))
             return tuple(found)

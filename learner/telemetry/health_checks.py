@@ -18,28 +18,17 @@ A check that keeps failing ends the run (`learner.health_guard`). These only war
 
 import math
 from collections.abc import Iterable
-from dataclasses import replace
 
 from common.metrics import METRICS, PRESS_MS, Values, number
 from common.protocol.run_status import HealthCheck
 from common.registry import ENVIRONMENTS
 from common.run.conditions import PlayConfig
 from common.run.config import RunConfig
-from common.run.hands import is_late, keys_can_follow
+from common.run.hands import is_late, keys_can_follow, latest_play
 from learner.telemetry.recent_latency import LEAST_MEASURED
 
 LONGEST_SILENCE = 60.0
 """Seconds without a turn of the training loop after which the learner counts as hanging."""
-
-
-def latest_play(config: RunConfig) -> PlayConfig:
-    """Returns the settings of play, with the longest latencies that may be drawn."""
-    return replace(
-        config.play,
-        press_latency=config.play.press_latency + config.randomise.press_latency,
-        actuation_latency=config.play.actuation_latency + config.randomise.latency,
-        actuation_jitter=config.play.actuation_jitter + config.randomise.jitter,
-    )
 
 
 def judge(values: Values, config: RunConfig) -> tuple[HealthCheck, ...]:

@@ -42,14 +42,14 @@ class LiveFeed:
 
     def look(self, asked: Asked) -> LiveView | None:
         """Returns what the actor shows; None if it does not answer, for instance while it waits."""
-        return self._begin(asked).result()
+        return self.begin(asked).result()
 
     def latest(self, asked: Asked) -> LiveView | None:
         """Returns the answer to the last request, and asks again, without waiting; None if there is
         no answer yet, or the request failed."""
         with self._lock:
             _, view = self._kept.get(asked, (0.0, None))
-        self._begin(asked)
+        self.begin(asked)
         if view is None or not view.done() or view.exception() is not None:
             return None
         return view.result()
@@ -60,8 +60,9 @@ class LiveFeed:
             self._closed = True
         self._pool.shutdown()
 
-    def _begin(self, asked: Asked) -> Future[LiveView | None]:
-        """Returns the future of a new request, or of one that is under way or fresh."""
+    def begin(self, asked: Asked) -> Future[LiveView | None]:
+        """Returns, without waiting, the future of a new request, or of one that is under way or
+        fresh."""
         with self._lock:
             began, view = self._kept.get(asked, (0.0, None))
             if self._closed:

@@ -11,11 +11,11 @@ from common.press_latency import MAX_FRAMES, ms_of, reached_by_age
 from common.process.footprint import footprint
 from common.protocol.run_status import HealthCheck
 from common.run.config import RunConfig
-from common.run.epochs import EpochRow, EpochTable
+from common.run.epochs import EpochRow, EpochTable, epochs_per_day
 from common.run.presets import PRESETS
 from common.schedule import Every, Now
 from learner.algorithm.interface import DeviceBatch, Update
-from learner.phases import Phases, epochs_per_day
+from learner.phases import Phases
 from learner.telemetry.actor_registry import ActorRegistry
 from learner.telemetry.health_checks import judge
 from learner.telemetry.held_out import HeldOut

@@ -203,6 +203,7 @@ def test_while_the_learner_is_behind_it_pauses(stage: Stage) -> None:
     assert stored <= CONFIG.stream.window
     wait_until(lambda: stage.replay.polls >= 40, "it has polled again and again")
     assert (len(stage.replay.chunks), len(env.moments)) == (stored, lived)
+    assert stage.actor._counters.throttled_seconds > 0  # before the pause has ended
     stage.replay.ack = STORED
     stage.has(stored + 3)
     stage.stop.set()

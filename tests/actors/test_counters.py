@@ -94,7 +94,7 @@ def test_rates_are_of_late(clock: Clock) -> None:
     found = ActorCounters()
     for _ in range(30):
         found.count(step())
-    found.held_seconds += 0.5
+    found.throttled_seconds += 0.5
     clock.now += 2.0
     clock.worked += 1.0
     assert found.rates() == (15.0, 0.25, 0.5)
@@ -125,7 +125,7 @@ def test_an_actor_that_is_held_for_a_second_still_plays(clock: Clock) -> None:
 def test_a_pause_that_began_before_the_last_look_fills_the_time_at_most(clock: Clock) -> None:
     found = ActorCounters()
     clock.now += 1.0
-    found.held_seconds += 5.0
+    found.throttled_seconds += 5.0
     assert found.rates() == (0.0, 1.0, 0.0)
 
 

@@ -59,14 +59,28 @@ def test_it_plays_in_the_precision_that_is_faster_or_asked_for(
     assert network.dtype == dtype
 
 
+@pytest.mark.parametrize("more", [{"avx512_bf16": False}, {"amx_bf16": True}])
+@needs_native("avx512_bf16")
+def test_where_bfloat16_is_not_for_the_kernel_it_plays_in_float32(
+    more: dict[str, bool], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    has = dict.fromkeys(NEEDS["avx512_bf16"], True) | more
+    monkeypatch.setattr(torch.cpu, "get_capabilities", lambda: has)
+    network = network_of(CONFIG, 6, ActorOptions(precision="bfloat16"))
+    assert isinstance(network, NativeQNetwork)
+    assert network.dtype == torch.float32
+
+
 def test_a_network_that_the_kernel_does_not_fit_is_pytorchs() -> None:
     small = replace(CONFIG, learning=replace(CONFIG.learning, network="nips"))
     assert not isinstance(network_of(small, 6, ActorOptions()), NativeQNetwork)
 
 
-def test_an_evaluator_with_the_native_kernel_is_refused() -> None:
+def test_an_evaluator_with_a_kernel_or_precision_is_refused() -> None:
     with pytest.raises(InputError, match="computes by PyTorch: omit --kernel native"):
         ActorOptions(evaluator=True, kernel="native").check()
+    with pytest.raises(InputError, match="computes in float32: omit --precision bfloat16"):
+        ActorOptions(evaluator=True, precision="bfloat16").check()
 
 
 def test_new_weights_are_played_at_once() -> None:

@@ -78,7 +78,7 @@ def test_units_and_rates_of_the_dashboard_are_those_of_the_figures() -> None:
         ("Sight and touch", "percentunit", "ale_robot_play_valid_frame_share_ratio{"),
         ("Memory and files", "bytes", "ale_robot_run_memory_bytes{"),
         ("Red health checks", "short", "ale_robot_gates_red"),
-        ("Held share, by actor", "percentunit", "ale_robot_actor_held_share_ratio"),
+        ("Throttled share, by actor", "percentunit", "ale_robot_actor_throttled_share_ratio"),
     ):
         assert found[title]["fieldConfig"]["defaults"]["unit"] == unit
         assert found[title]["targets"][0]["expr"].startswith(expression)

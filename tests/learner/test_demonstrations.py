@@ -20,6 +20,7 @@ from common.dataset.layout import DATA_PATH, file_of
 from common.errors import InputError
 from common.protocol.chunk import Chunk
 from common.protocol.run_keys import DEMONSTRATIONS, RunKeys
+from common.registry import ENVIRONMENTS, Environment
 from common.run.config import RunConfig
 from common.run.folder import RunFolder
 from learner import demonstrations
@@ -27,6 +28,7 @@ from learner.demonstrations import Demonstrations, DemonstrationsRecord, begin_w
 from replay.replay_buffer import ReplayBuffer
 from replay.server import ReplayServer
 from tests.actors.numbered_env import CUT, GAME_OVER, GOES_ON, LOSES_A_LIFE, Moment
+from tests.extending.whole_run import added
 from tests.in_process_transport import InProcessHub, InProcessTransport
 from tests.recordings import CONFIG, WITH_VECTOR, record
 
@@ -267,6 +269,16 @@ def test_other_settings_are_refused(tmp_path: Path, changed: RunConfig, reason: 
     record(tmp_path / "d", SCRIPT, 48)
     with pytest.raises(InputError, match=reason):
         Demonstrations(tmp_path / "d", changed)
+
+
+def test_those_of_another_environment_are_refused(tmp_path: Path) -> None:
+    record(tmp_path / "d", SCRIPT, 48)
+    other = Environment("lamps", "lamps:make", lambda _: CONFIG.action_count)
+    with (
+        added(ENVIRONMENTS, other),
+        pytest.raises(InputError, match="have game pong instead of lamps"),
+    ):
+        Demonstrations(tmp_path / "d", replace(CONFIG, env="lamps"))
 
 
 def test_n_step_and_all_else_that_no_state_depends_on_may_differ(tmp_path: Path) -> None:

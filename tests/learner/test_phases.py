@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import replace
-from typing import Any
 
 import pytest
 import torch
@@ -11,7 +10,7 @@ from common.protocol.chunk import Game
 from common.protocol.run_keys import DEMONSTRATIONS
 from common.run.config import ProtocolConfig, ReplayConfig, RunConfig
 from common.run.epochs import EpochRow
-from learner.phases import Phases, epochs_per_day
+from learner.phases import Phases
 from learner.run_clock import RunClock
 from replay.chunk_statistics import ChunkStatistics
 
@@ -217,17 +216,3 @@ def test_a_phases_loss_is_the_mean_over_its_updates() -> None:
         counted.add(torch.tensor(loss))
     (row,) = count(counted, _chunks(4, first=2))
     assert row.meancost == 4.5
-
-
-@pytest.mark.parametrize(
-    ("arguments", "expected"),
-    [
-        ((250_000, 125_000, 126.0, 352.0), 36.94),  # the rates of ALE-Only in 2017
-        ((250_000, 0, 250.0, None), 86.4),
-        ((250_000, 125_000, 250.0, None), None),
-        ((250_000, 125_000, 0.0, 500.0), None),
-        ((250_000, 125_000, None, 500.0), None),
-    ],
-)
-def test_epochs_per_day(arguments: Any, expected: float | None) -> None:
-    assert epochs_per_day(*arguments) == pytest.approx(expected, abs=0.005)

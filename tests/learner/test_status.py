@@ -115,7 +115,7 @@ def test_a_healthy_run(client: Transport) -> None:
 def test_the_row_of_a_throttled_actor_fits_80_columns(client: Transport) -> None:
     stats = ActorStats("a-1", "actor", steps_per_second=22.5, weights_version=988)
     actors = tuple(
-        ActorView(stats=replace(stats, name=name, held_share=share), alive=True)
+        ActorView(stats=replace(stats, name=name, throttled_share=share), alive=True)
         for name, share in (("vm-00000001", 0.004), ("vm-00000002", 0.606))
     )
     StatusSink(client, KEYS).write(replace(NOW, actors=actors))

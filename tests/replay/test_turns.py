@@ -116,14 +116,14 @@ def test_who_is_told_to_go_on_may_send_one_chunk_however_far_it_is_ahead(turns: 
 
 def test_who_sends_on_and_on_is_told_from_who_was_refused_now_and_then(turns: Turns) -> None:
     assert send(turns, "a", 4 + module.INSISTENCE - 1) == 4
-    assert not turns.insists("a")
+    assert not turns.ignores_throttle("a")
     turns.has_turn("waits")
     turns.open()
     assert send(turns, "a", 1 + module.INSISTENCE - 1) == 1
-    assert not turns.insists("a")
+    assert not turns.ignores_throttle("a")
     assert not turns.admits("a")
-    assert turns.insists("a")
-    assert not turns.insists("b")
+    assert turns.ignores_throttle("a")
+    assert not turns.ignores_throttle("b")
 
 
 def test_the_accounts_are_bounded(turns: Turns, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -24,7 +24,7 @@ PER_ACTOR: tuple[Metric, ...] = (
     Metric("actor/steps_per_second", "per second", ".1", "Agent steps per second, of late"),
     Metric("actor/epsilon", "ratio", ".3", "Share of random actions"),
     Metric("actor/weights_version", "updates", "count", "Updates that made its weights"),
-    Metric("actor/held_share", "ratio", ".3",
+    Metric("actor/throttled_share", "ratio", ".3",
            "Share of the last ten seconds it paused because the learner was behind"),
     *(replace(METRICS[total], key=f"actor/{name}") for name, total in TOTALS.items()),
 )

@@ -7,6 +7,7 @@ import io
 import logging
 import time
 from collections.abc import Iterator, Mapping
+from concurrent.futures import Future
 from contextlib import suppress
 from itertools import islice
 from pathlib import Path
@@ -22,7 +23,7 @@ from tensorboard.plugins.custom_scalar import metadata as custom_scalars
 from tensorboard.plugins.hparams.summary_v2 import hparams_pb
 
 from common.metrics import METRICS, Value, Values
-from common.protocol.live_view import ViewRequest, size_of
+from common.protocol.live_view import LiveView, ViewRequest, size_of
 from common.run.epochs import EpochRow
 from common.schedule import Every, Now
 from learner.telemetry.live_feed import Asked, LiveFeed
@@ -59,8 +60,8 @@ class TensorBoardSink(CurvesSink):
         self._folder = folder
         self._settings = settings
         self._feed: LiveFeed | None = None
-        self._asked: Asked | None = None
-        """The request for a picture that is under way, if any."""
+        self._asked: tuple[int, Future[LiveView | None]] | None = None
+        """The picture that is on its way, if any, and the agent steps when it was asked for."""
         self._pictures = Every(_PICTURE_SECONDS, now)
 
     def watch(self, feed: LiveFeed) -> None:
@@ -100,17 +101,17 @@ class TensorBoardSink(CurvesSink):
     def _add_picture(self, snapshot: Snapshot, agent_steps: int) -> None:
         if self._feed is None:
             return
-        if self._asked is not None:
-            view, self._asked = self._feed.latest(self._asked), None
+        if self._asked is not None and self._asked[1].done():
+            (asked_at, answer), self._asked = self._asked, None
+            view = None if answer.exception() else answer.result()
             if view is not None and (jpeg := view.picture or view.frame):
                 width, height = size_of(jpeg)
                 image = Summary.Image(encoded_image_string=jpeg, width=width, height=height)
-                self._add([Summary.Value(tag="play/camera", image=image)], agent_steps)
-            return
-        actors = [each.stats for each in snapshot.present if each.stats.role == "actor"]
-        if actors and self._pictures.is_due():
-            self._asked = Asked("actor", actors[0].name, ViewRequest())
-            self._feed.latest(self._asked)  # answered by the next look
+                self._add([Summary.Value(tag="play/camera", image=image)], asked_at)
+        playing = (each for each in snapshot.present if each.alive and each.stats.role == "actor")
+        if (actor := next(playing, None)) is not None and self._pictures.is_due():
+            view_of = Asked("actor", actor.stats.name, ViewRequest())
+            self._asked = agent_steps, self._feed.begin(view_of)
 
     def add(self, points: Values, agent_steps: int) -> None:
         known = {tag: value for tag, value in points.items() if value is not None}

@@ -99,7 +99,7 @@ def _actor(actor: ActorView, values: Values) -> dict[str, Any]:
             if tests
             else f"{max(newest - stats.weights_version, 0):,.0f}"
         ),
-        "held": formats.share(stats.held_share, 1),
+        "throttled": formats.share(stats.throttled_share, 1),
         "cores": formats.cores(stats.busy_cores).removesuffix(" CPU"),
         "memory": formats.size(stats.memory_bytes),
         "silent": f"{actor.silent_for:.0f} s",

@@ -19,7 +19,7 @@ from starlette.staticfiles import StaticFiles
 from common.actions import KEYS_OF_ACTION
 from common.process.http_server import HttpServer
 from common.protocol.live_view import LiveView, Viewpoint, ViewRequest
-from common.run.config import RunConfig
+from common.run.config import MAX_ENVS, RunConfig
 from common.run.epochs import EpochRow, EpochTable
 from common.run.folder import RunFolder
 from common.strict_json import strict
@@ -116,13 +116,15 @@ class PageSink(Sink):
     # ------------------------------------------------------------------ for browsers
 
     def _state(self, request: Request) -> Response:
-        """Returns all that the page shows, except pictures; of curves, only the points that the
+        """Returns all that the page shows, except pictures; of curves and epochs, only what the
         browser does not have yet."""
         count = _number(request, "count")
         with self._lock:
+            curves = self._history.since(_number(request, "version"), count)
+            known = _number(request, "rows", 0) if curves["start"] else 0
             told = {
-                "curves": self._history.since(_number(request, "version"), count),
-                "epochs": list(self._rows),
+                "curves": curves,
+                "epochs": {"start": known, "rows": self._rows[known:]},
                 "events": list(self._events),
             }
             snapshot = self._snapshot
@@ -141,7 +143,7 @@ class PageSink(Sink):
         known = snapshot is not None and any(
             (each.stats.role, each.stats.name) == (role, name) for each in snapshot.present
         )
-        if not known or viewpoint not in get_args(Viewpoint) or stream > 255:
+        if not known or viewpoint not in get_args(Viewpoint) or stream >= MAX_ENVS:
             return PlainTextResponse("there is no such view", 404)
         shown = self._feed.look(Asked(role, name, ViewRequest(stream, viewpoint)))  # type: ignore[arg-type]
         return JSONResponse(None if shown is None else _plain(shown))

@@ -7,8 +7,8 @@ from collections.abc import Iterable
 import numpy as np
 import pytest
 
-from actors.envs.actuation_delay import ActuationDelay
 from actors.envs.key_watch import KeyWatch
+from actors.envs.modelled_hand import ModelledHand
 from actors.envs.robot import RobotEnv
 from common.actions import Keys
 from common.press_latency import COUNTS, MAX_FRAMES, KeyLatency, ms_of, place_of
@@ -206,7 +206,7 @@ def test_who_never_asks_costs_no_more_memory() -> None:
 
 
 def test_a_modelled_hand_takes_the_frames_that_it_is_told_and_presses_in_the_next() -> None:
-    hand, watch = ActuationDelay(PlayConfig(press_latency=3)), KeyWatch()
+    hand, watch = ModelledHand(PlayConfig(press_latency=3)), KeyWatch()
     for command in (UP, DOWN, FIRE):
         give(watch, command, hand.held)
         hand.command(command)

@@ -18,9 +18,9 @@ from matplotlib.figure import Figure
 
 from benchmarks.figures.plot import FIGURES
 from benchmarks.figures.plot import Options as ResultOptions
-from benchmarks.figures.plot_delay import read_late_keys
+from benchmarks.figures.plot_hand_latency import read_hand_latency
 from benchmarks.figures.plot_robustness import Grid, robustness_figure
-from benchmarks.lab import actuation_latency as late_keys
+from benchmarks.lab import hand_latency
 from common.errors import InputError
 from common.run.epochs import EpochTable
 from common.run.presets import PRESETS
@@ -248,7 +248,7 @@ def test_means_are_straight_between_points() -> None:
 def late(path: Path, *rows: tuple[str, int, float]) -> Path:
     """A table of networks, presses and means."""
     with path.open("w", newline="") as file:
-        writer = csv.DictWriter(file, late_keys.COLUMNS)
+        writer = csv.DictWriter(file, hand_latency.COLUMNS)
         writer.writeheader()
         for row in rows:
             writer.writerow(dict(zip(("network", "press", "mean"), row, strict=True)))
@@ -257,14 +257,14 @@ def late(path: Path, *rows: tuple[str, int, float]) -> Path:
 
 def test_the_table_of_a_former_commit_is_drawn() -> None:
     """It has no column git_dirty."""
-    played = read_late_keys([ROOT / "benchmarks" / "results" / "late_keys.csv"])
+    played = read_hand_latency([ROOT / "benchmarks" / "results" / "hand_latency.csv"])
     assert len(played) == 10
     assert max(each.late_ms for each in played) == pytest.approx(4 * 1000 / 60)
 
 
 def test_networks_under_later_keys_are_a_line_each(tmp_path: Path) -> None:
     path = late(tmp_path / "late.csv", ("a", 3, -5.0), ("b", 0, 19.0), ("a", 0, 20.0))
-    figure = draw(Options((path,), figure="delay"))
+    figure = draw(Options((path,), figure="latency"))
     found = lines(figure.axes[0])
     assert [[y for _, y in line] for line in found] == [[20.0, -5.0], [19.0]]
     assert [x for x, _ in found[0]] == pytest.approx([0.0, 50.0])
@@ -486,10 +486,10 @@ def test_files_of_another_kind_are_refused(tmp_path: Path) -> None:
         ("epochs", text, "is not a table of epochs"),
         ("progress", empty, "no complete epoch"),
         ("epochs", tmp_path, "holds no run: name a run's folder or"),
-        ("delay", text, "is not a table of"),
-        ("delay", empty, "is not a table of"),
-        ("delay", late(tmp_path / "headed.csv"), "is not a table of"),
-        ("delay", broken, "damaged in row 1"),
+        ("latency", text, "is not a table of"),
+        ("latency", empty, "is not a table of"),
+        ("latency", late(tmp_path / "headed.csv"), "is not a table of"),
+        ("latency", broken, "damaged in row 1"),
         ("histogram", text, "holds no evaluation"),
         ("histogram", endless, "holds no evaluation"),
         ("epochs", damaged, r"config\.json cannot be read"),

@@ -120,7 +120,7 @@ def test_report(
     assert [content[name]["mean"] for name in ("own", "before", "after")] == [20.5, -20.0, 19.0]
     assert content["steps_to_own"] == 1_500  # the first at 18.5 or more
     assert [point["minutes"] for point in content["curve"]] == [2.0, 4.0, 6.0, 8.0]
-    assert "after 1,500 agent steps and 6 minutes" in capsys.readouterr().out
+    assert "after 1,500 training steps and 6 minutes" in capsys.readouterr().out
 
 
 def test_a_policy_that_never_plays_as_before_is_told(

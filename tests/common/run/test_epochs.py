@@ -3,13 +3,14 @@
 import math
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from common.errors import InputError
-from common.run.epochs import EpochRow, EpochTable
+from common.run.epochs import EpochRow, EpochTable, epochs_per_day
 
 HEADER = (
     "epoch,phase,steps,nr_games,average_reward,min_game_reward,max_game_reward,"
@@ -213,3 +214,17 @@ def test_damage_is_one_sentence(path: Path, content: bytes, what: str) -> None:
     with pytest.raises(InputError, match=r"epochs\.csv is (damaged|not a table of)") as caught:
         EpochTable(path).rows()
     assert what in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        ((250_000, 125_000, 126.0, 352.0), 36.94),  # the rates of ALE-Only in 2017
+        ((250_000, 0, 250.0, None), 86.4),
+        ((250_000, 125_000, 250.0, None), None),
+        ((250_000, 125_000, 0.0, 500.0), None),
+        ((250_000, 125_000, None, 500.0), None),
+    ],
+)
+def test_epochs_per_day(arguments: Any, expected: float | None) -> None:
+    assert epochs_per_day(*arguments) == pytest.approx(expected, abs=0.005)

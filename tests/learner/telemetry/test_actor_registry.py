@@ -18,7 +18,7 @@ from tests.patience import wait_until
 
 STATS = ActorStats(
     name="a1", role="actor", incarnation=7, leaving=False, steps=640, steps_per_second=100.0,
-    epsilon=0.5, weights_version=50, made=10, acked=8, retried=2, refused=0, held_share=0.25,
+    epsilon=0.5, weights_version=50, made=10, acked=8, retried=2, refused=0, throttled_share=0.25,
     valid=480, matched=320, decisions=700, missed_deadlines=5, late_frames=6,
     waits_given_up=7, key_times=(1,) * 60 + (5,) * 60,
 )  # fmt: skip
@@ -457,7 +457,7 @@ def test_one_that_was_lost_stays_on_the_display_and_does_nothing_there(told: Tol
     told.registry._on_presence(KEYS.live("actor", "a1"), True)
     told.say(busy_cores=0.75)
     (stats,) = (actor.stats for actor in told.registry.actors())
-    assert (stats.steps_per_second, stats.held_share, stats.busy_cores) == (100.0, 0.25, 0.75)
+    assert (stats.steps_per_second, stats.throttled_share, stats.busy_cores) == (100.0, 0.25, 0.75)
     told.registry._on_presence(KEYS.live("actor", "a1"), False)
     told.now += 1_000.0
     assert told.registry.take_notes() == ["a1 joined", "a1 was lost"]
@@ -465,7 +465,7 @@ def test_one_that_was_lost_stays_on_the_display_and_does_nothing_there(told: Tol
     (actor,) = told.registry.actors()
     assert (actor.alive, actor.left) == (False, False)
     stats = actor.stats
-    assert (stats.steps_per_second, stats.held_share, stats.busy_cores) == (0.0, 0.0, 0.0)
+    assert (stats.steps_per_second, stats.throttled_share, stats.busy_cores) == (0.0, 0.0, 0.0)
     assert (stats.steps, stats.made) == (640, 10)
 
 

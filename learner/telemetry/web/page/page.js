@@ -10,7 +10,7 @@ const FIRST = [
 const STATE_EVERY = 1000, VIEW_EVERY = 200, ROOM_EVERY = 1000;
 const $ = id => document.getElementById(id);
 const charts = new Map();
-const curves = {version: -1, count: 0, steps: [], values: {}};
+const curves = {version: -1, count: 0, steps: [], values: {}}, epochs = [];
 const text = (id, told) => { $(id).textContent = told ?? ""; };
 
 function element(name, told, more = {}) {
@@ -33,7 +33,7 @@ async function watchRun() {
   let phase = "";
   for (;;) {
     try {
-      const state = await ask(`/state?version=${curves.version}&count=${curves.count}`);
+      const state = await ask(`/state?version=${curves.version}&count=${curves.count}&rows=${epochs.length}`);
       if (state.run) show(state);
       phase = state.run ? state.run.phase : "starting …";
       text("link", phase);
@@ -97,7 +97,7 @@ const COLUMNS = {
   steps: ["steps", "Steps that it played"], rate: ["steps/s", "Steps per second in the last ten"],
   epsilon: ["ε", "Share of random actions"],
   weights: ["updates behind", "Updates between its weights and the newest published"],
-  held: ["held", "Share of the last ten seconds in which it waited for the learner"],
+  throttled: ["throttled", "Share of the last ten seconds in which it waited for the learner"],
   cores: ["CPU", "Cores that it keeps busy"], memory: ["memory", "Without file pages"],
   silent: ["silent", "Time since it was last heard"], trouble: ["", "What went wrong with time"],
 };
@@ -145,13 +145,14 @@ function filmOf(name) {
   return figure;
 }
 
-function takePoints({curves: news, about, epochs, random}) {
+function takePoints({curves: news, about, epochs: {start, rows}, random}) {
   if (news.start === 0) {
     curves.steps = [];
     curves.values = {};
   }
   curves.steps.push(...news.steps);
   for (const [key, values] of Object.entries(news.values)) (curves.values[key] ??= []).push(...values);
+  epochs.splice(start, Infinity, ...rows);
   curves.version = news.version;
   curves.count = curves.steps.length;
   if (about && !charts.size) {

@@ -180,7 +180,7 @@ def test_keys_that_there_always_were_are_kept(tmp_path: Path) -> None:
         "acked",
         "retried",
         "refused",
-        "held_share",
+        "throttled_share",
         "valid_share",
         "match_share",
         "decisions",

@@ -4,6 +4,7 @@ import io
 import os
 import subprocess
 import sys
+from concurrent.futures import Future
 from dataclasses import replace
 from pathlib import Path
 
@@ -234,14 +235,16 @@ def test_a_film_is_a_gif_of_its_beginning(tmp_path: Path) -> None:
 
 
 class Feed:
-    """Answers the second who asks, as a `LiveFeed` does."""
+    """Answers when the test says so."""
 
     def __init__(self) -> None:
         self.asked: list[Asked] = []
+        self.answers: list[Future[LiveView | None]] = []
 
-    def latest(self, asked: Asked) -> LiveView | None:
+    def begin(self, asked: Asked) -> Future[LiveView | None]:
         self.asked.append(asked)
-        return VIEW if len(self.asked) % 2 == 0 else None
+        self.answers.append(Future())
+        return self.answers[-1]
 
 
 def test_now_and_then_it_shows_what_an_actor_sees(tmp_path: Path) -> None:
@@ -253,20 +256,34 @@ def test_now_and_then_it_shows_what_an_actor_sees(tmp_path: Path) -> None:
     curves.write(STATUS)
     assert not feed.asked  # nobody is there
     evaluator = ActorView(stats=ActorStats("e", "evaluator"), alive=True)
-    actor = ActorView(stats=ActorStats("a", "actor"), alive=True)
-    for steps, wait in ((1_000, 0), (2_000, 10), (3_000, 10), (4_000, 300)):
+    lost = ActorView(stats=ActorStats("a", "actor"), alive=False)
+    actor = ActorView(stats=ActorStats("b", "actor"), alive=True)
+    answers: list[tuple[int, int, LiveView | Exception | None]] = [
+        (1_000, 0, VIEW),
+        (2_000, 10, None),
+        (3_000, 300, OSError("gone")),
+        (4_000, 300, VIEW),
+        (5_000, 10, None),
+    ]
+    for steps, wait, answer in answers:
         seconds[0] += wait
         values: dict[str, Value] = {"run/agent_steps": steps}
-        curves.write(changed(STATUS, values, actors=(evaluator, actor)))
-    curves.write(changed(STATUS, {"run/agent_steps": 5_000}, actors=(actor,)))
+        asked = len(feed.asked)
+        curves.write(changed(STATUS, values, actors=(evaluator, lost, actor)))
+        for each in feed.answers[asked:]:
+            curves.write(changed(STATUS, {"run/agent_steps": steps + 10}, actors=(actor,)))
+            if isinstance(answer, Exception):
+                each.set_exception(answer)
+            else:
+                each.set_result(answer)
     curves.close()
-    assert feed.asked == [Asked("actor", "a", ViewRequest())] * 4
+    assert feed.asked == [Asked("actor", "b", ViewRequest())] * 3
     events = EventAccumulator(str(tmp_path))
     events.Reload()
     images = events.Images("play/camera")
     assert [(each.step, each.width, each.height) for each in images] == [
-        (2_000, *size_of(VIEW.picture)),
-        (5_000, *size_of(VIEW.picture)),
+        (1_000, *size_of(VIEW.picture)),
+        (4_000, *size_of(VIEW.picture)),
     ]
     assert images[0].encoded_image_string == VIEW.picture
 

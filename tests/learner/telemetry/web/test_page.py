@@ -137,8 +137,23 @@ def test_the_epochs_of_a_resumed_run_are_there(place: Place) -> None:
     place.page.start(17)
     place.page.phase(epoch_row([3.0], epoch=2, phase="test"), 5_000)
     place.page.write(SNAPSHOT)
-    told = place.json("/state")["epochs"]
-    assert [(each["epoch"], each["score"]) for each in told] == [(1, -20.5), (2, 3.0)]
+    told = place.json("/state")
+    rows = told["epochs"]["rows"]
+    assert [(each["epoch"], each["score"]) for each in rows] == [(1, -20.5), (2, 3.0)]
+
+
+def test_a_browser_gets_each_epoch_once(place: Place) -> None:
+    place.page.start(None)
+    place.page.phase(epoch_row([3.0], epoch=1, phase="test"), 5_000)
+    place.page.write(SNAPSHOT)
+    first = place.json("/state?version=-1&count=0&rows=0")
+    place.page.phase(epoch_row([4.0], epoch=2, phase="test"), 6_000)
+    known = f"count=1&rows={len(first['epochs']['rows'])}"
+    news = place.json(f"/state?version={first['curves']['version']}&{known}")["epochs"]
+    assert (news["start"], [each["epoch"] for each in news["rows"]]) == (1, [2])
+    # The page of another process, or one whose curves were thinned, begins anew.
+    again = place.json(f"/state?version={first['curves']['version'] + 1}&{known}")["epochs"]
+    assert (again["start"], [each["epoch"] for each in again["rows"]]) == (0, [1, 2])
 
 
 def test_the_curves_of_a_resumed_run_are_there(place: Place) -> None:
@@ -218,7 +233,7 @@ def test_many_who_watch_cost_an_actor_no_more_than_one(hub: Transport, client: T
     wait_until(lambda: asked, "the actor is asked")
     # Whatever time it takes, all who come meanwhile wait for the same answer.
     assert feed.latest(look) is None
-    others = [feed._begin(look) for _ in range(4)]
+    others = [feed.begin(look) for _ in range(4)]
     let_go.set()
     assert [other.result(PATIENCE) for other in others] == [VIEW] * 4
     assert len(asked) == 1

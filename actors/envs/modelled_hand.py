@@ -1,15 +1,15 @@
 """A model of a hand: keys that follow commands with a given latency, without any physics.
 
-It isolates what delay alone costs a learner. It stands between the emulator, whose keys follow a
-command at once, and the robot, whose arms take time. A pure delay would be a poor model of an arm:
-on its way from one key to another, an arm holds neither.
+It isolates what latency alone costs a learner. It stands between the emulator, whose keys follow a
+command at once, and the robot, whose arms take time. Keys that are all late by as much would be a
+poor model of an arm: on its way from one key to another, an arm holds neither.
 """
 
 from common.actions import Keys
 from common.run.conditions import PlayConfig
 
 
-class ActuationDelay:
+class ModelledHand:
     """Implements `Hands`: keys that follow each command with the latency that ``play`` sets.
 
     When a command arrives, the keys of the previous one are released. Its own keys are pressed

@@ -1,9 +1,9 @@
-"""`python -m benchmarks.lab.actuation_latency policies/ale_pong.safetensors`: the cost of latency.
+"""`python -m benchmarks.lab.hand_latency policies/ale_pong.safetensors`: the cost of latency.
 
-Each network plays whole games at several actuation latencies. As with a robot, a new command's keys
-are pressed late, while the old command's are released at once. Nothing is learned, so compare
-networks that were trained at different latencies. `python -m benchmarks.figures.plot --figure
-delay` draws the table.
+Each network plays whole games with a modelled hand of several latencies. As with a robot, a new
+command's keys are pressed late, while the old command's are released at once. Nothing is learned,
+so compare networks that were trained at different latencies. `python -m benchmarks.figures.plot
+--figure latency` draws the table.
 """
 
 import csv
@@ -33,17 +33,17 @@ keys."""
 
 @dataclass(frozen=True)
 class Options(BenchmarkOptions):
-    """Play games by trained networks under several actuation latencies."""
+    """Play games by trained networks with modelled hands of several latencies."""
 
     networks: tyro.conf.Positional[Annotated[tuple[Path, ...], MinLen(1)]]
     """Networks: published policies, or checkpoints in their runs' folders."""
     press: Annotated[tuple[Latency, ...], MinLen(1)] = (0, 1, 2, 3, 4, 6, 8)
-    """Actuation latencies to play at: emulator frames until a new command's keys are down."""
+    """Latencies of the hand to play at: emulator frames until a new command's keys are down."""
     games: FromOne = 10
     """Number of games for each network and latency."""
     epsilon: Fraction = EPSILON
     """Share of random agent steps."""
-    output: Annotated[Path, tyro.conf.arg(aliases=["-o"])] = Path("late_keys.csv")
+    output: Annotated[Path, tyro.conf.arg(aliases=["-o"])] = Path("hand_latency.csv")
     """Table to write."""
 
     def check(self) -> None:
@@ -95,4 +95,4 @@ def measure(options: Options) -> Report:
 
 
 if __name__ == "__main__":
-    main("lab.actuation_latency", Options, measure)
+    main("lab.hand_latency", Options, measure)

@@ -1,4 +1,4 @@
-"""`benchmarks.lab.actuation_latency`: the published policy under keys that come late."""
+"""`benchmarks.lab.hand_latency`: the published policy under keys that come late."""
 
 import csv
 from pathlib import Path
@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 
 from benchmarks import report
-from benchmarks.lab import actuation_latency
-from benchmarks.lab.actuation_latency import COLUMNS, Options, hand_flags, measure, name_of
+from benchmarks.lab import hand_latency
+from benchmarks.lab.hand_latency import COLUMNS, Options, hand_flags, measure, name_of
 from common.errors import InputError
 from tests.paths import ROOT
 
@@ -17,14 +17,14 @@ ROBOT = ALE.with_name("robot_pong.safetensors")
 
 
 def run(*arguments: str) -> None:
-    report.run("lab.actuation_latency", Options, measure, arguments)
+    report.run("lab.hand_latency", Options, measure, arguments)
 
 
 @pytest.mark.usefixtures("forks")
 def test_a_row_for_each_network_and_lateness(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
-    output = tmp_path / "late_keys.csv"
+    output = tmp_path / "hand_latency.csv"
     # Wholly random games, which are short.
     random = ["--games", "1", "--epsilon", "1"]
     run(str(ALE), *random, "--press", "0", "60", "-o", str(output))
@@ -49,8 +49,8 @@ def test_one_that_is_stopped_leaves_the_rows_that_it_has(
             raise KeyboardInterrupt
         return dict.fromkeys(COLUMNS, press)
 
-    output = tmp_path / "late_keys.csv"
-    monkeypatch.setattr(actuation_latency, "play", play)
+    output = tmp_path / "hand_latency.csv"
+    monkeypatch.setattr(hand_latency, "play", play)
     for rows in ([], ["5"]):
         with pytest.raises(KeyboardInterrupt):
             run(str(ALE), "--press", "5", "7", "-o", str(output))

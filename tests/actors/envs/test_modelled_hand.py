@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from actors.envs.actuation_delay import ActuationDelay
 from actors.envs.ale import AtariEnv
 from actors.envs.emulator import Emulator
 from actors.envs.late_commands import hands_of
+from actors.envs.modelled_hand import ModelledHand
 from actors.envs.observation import shrink
 from actors.envs.robot import RobotEnv
 from actors.robots.interface import Hands
@@ -34,7 +34,7 @@ def frames(keys: Hands, *commands: Keys, count: int = 4) -> list[list[Keys]]:
 
 
 def test_without_delays_keys_are_the_commands() -> None:
-    assert frames(ActuationDelay(PlayConfig()), UP, NONE, DOWN) == [
+    assert frames(ModelledHand(PlayConfig()), UP, NONE, DOWN) == [
         [UP] * 4,
         [NONE] * 4,
         [DOWN] * 4,
@@ -42,7 +42,7 @@ def test_without_delays_keys_are_the_commands() -> None:
 
 
 def test_the_old_key_goes_first_and_the_new_one_comes_later() -> None:
-    keys = ActuationDelay(PlayConfig(press_latency=3))
+    keys = ModelledHand(PlayConfig(press_latency=3))
     assert frames(keys, UP, DOWN, DOWN, NONE) == [
         [NONE, NONE, NONE, UP],
         [NONE, NONE, NONE, DOWN],
@@ -52,7 +52,7 @@ def test_the_old_key_goes_first_and_the_new_one_comes_later() -> None:
 
 
 def test_what_both_commands_hold_stays_down() -> None:
-    keys = ActuationDelay(PlayConfig(press_latency=3))
+    keys = ModelledHand(PlayConfig(press_latency=3))
     assert frames(keys, UP | FIRE, DOWN | FIRE) == [
         [NONE, NONE, NONE, UP | FIRE],
         [FIRE, FIRE, FIRE, DOWN | FIRE],
@@ -60,7 +60,7 @@ def test_what_both_commands_hold_stays_down() -> None:
 
 
 def test_a_command_on_the_way_is_overtaken() -> None:
-    keys = ActuationDelay(PlayConfig(press_latency=6))
+    keys = ModelledHand(PlayConfig(press_latency=6))
     # UP would be down from the seventh frame on; what is new starts from where the hand is.
     for new in (DOWN, UP | FIRE):
         keys.rest()
@@ -77,7 +77,7 @@ def test_lateness_is_of_game_time_however_many_commands_are_given() -> None:
     assert [keys.step_frame() for _ in range(6)] == [UP] * 2 + [DOWN] * 2 + [FIRE] * 2
 
 
-def test_a_robot_that_waits_for_late_keys_gets_them() -> None:
+def test_a_robot_that_waits_for_its_keys_gets_them() -> None:
     play = PlayConfig(random_starts=0, hand="model", actuation_latency=4, eye="emulator")
     env = RobotEnv("pong", play=play, clock=ClockConfig(wait_action=True))
     env.reset(seed=1)
@@ -87,7 +87,7 @@ def test_a_robot_that_waits_for_late_keys_gets_them() -> None:
     env.close()
 
 
-def test_the_emulator_is_played_by_the_late_keys() -> None:
+def test_the_emulator_is_played_by_the_modelled_hand() -> None:
     play = PlayConfig(random_starts=0, minimal_actions=True, press_latency=3, actuation_latency=4)
     env = AtariEnv("pong", play=play)
     env.reset(seed=3)

@@ -17,7 +17,7 @@ from learner.figures.plot_style import INK, Series, line_figure
 
 
 class Played(NamedTuple):
-    """Games of a network at one actuation latency."""
+    """Games of a network at one latency of the hand."""
 
     name: str
     late_ms: float
@@ -25,8 +25,8 @@ class Played(NamedTuple):
     mean: float
 
 
-def read_late_keys(paths: Sequence[Path]) -> list[Played]:
-    """Returns the rows of tables that `benchmarks.lab.actuation_latency` writes or once wrote.
+def read_hand_latency(paths: Sequence[Path]) -> list[Played]:
+    """Returns the rows of tables that `benchmarks.lab.hand_latency` writes or once wrote.
 
     Raises:
         InputError: a file is not such a table.
@@ -53,14 +53,14 @@ def _read(path: Path) -> list[Played]:
             raise InputError(f"{path} is damaged in row {number}: {error}.") from None
     if not found:
         raise InputError(
-            f"{path} is not a table of games at several actuation latencies: write it with "
-            "python -m benchmarks.lab.actuation_latency NETWORK … -o FILE.csv."
+            f"{path} is not a table of games at several latencies of the hand: write it with "
+            "python -m benchmarks.lab.hand_latency NETWORK … -o FILE.csv."
         )
     return found
 
 
-def delay_figure(played: Sequence[Played]) -> Figure:
-    """Returns the figure, with a line for each network: its mean score by actuation latency."""
+def hand_latency_figure(played: Sequence[Played]) -> Figure:
+    """Returns the figure, with a line for each network: its mean score by latency."""
     points: dict[str, list[tuple[float, float]]] = defaultdict(list)
     for name, late_ms, mean in played:
         points[name].append((late_ms, mean))
