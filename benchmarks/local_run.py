@@ -24,6 +24,7 @@ from common.checked import FromOne
 from common.process.run_options import parse_run
 from common.protocol.actor_stats import ActorStats
 from common.run.clock import ClockConfig
+from common.run.config import PresetName
 from common.transport.interface import Envelope
 from learner.options import LearnerOptions, stored_config
 from replay.chunk_statistics import ChunkStatistics
@@ -46,6 +47,8 @@ class Setting(BenchmarkOptions):
     """Environment: the emulator alone, or the robot."""
     game: str = "pong"
     """Game: any that ale-py bundles."""
+    preset: PresetName | None = None
+    """Preset; by default 'paper' for the emulator alone, 'robot' for the robot."""
     clock: tyro.conf.OmitArgPrefixes[ClockConfig] = field(default_factory=ClockConfig)
     actors: FromOne = 1
     """Number of training actors."""
@@ -69,7 +72,7 @@ class Setting(BenchmarkOptions):
     def flags(self) -> list[str]:
         """Returns the flags of `python -m learner`, with the 2017 ratio of samples to steps."""
         return [
-            *("--preset", "paper" if self.env == "ale" else "robot"),
+            *("--preset", self.preset or ("paper" if self.env == "ale" else "robot")),
             *("--env", self.env, "--game", self.game),
             *("--actors", str(self.actors), "--evaluators", str(self.evaluators)),
             *self.clock.flags(),

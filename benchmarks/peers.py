@@ -28,6 +28,7 @@ from benchmarks.report import BenchmarkOptions, Report, Seconds, main
 from common.checked import FromOne
 from common.counted import counted
 from common.errors import InputError
+from common.run.config import PresetName
 
 Subject = Literal["training", "replay", "update"]
 
@@ -92,7 +93,9 @@ def is_installed(package: str | None) -> bool:
 
 
 def compare_training(options: Options) -> list[dict[str, Any]]:
-    """Compares the agent steps per second of training; each of our turns is a run of its own.
+    """Compares the agent steps per second of training, eight samples of each; each of our turns is
+    a run of its own: by the peer's minibatches, 32 transitions every 4 agent steps, and by those of
+    the preset ``fast``.
 
     The peer plays and learns in one process. It is measured with one thread and with all, because
     on a busy machine two threads are slower than one.
@@ -104,15 +107,24 @@ def compare_training(options: Options) -> list[dict[str, Any]]:
         train(options.seconds / 3, threads)  # warms up
         name = f"stable-baselines3 DQN, {counted(threads, 'thread')}"
         contenders[name] = partial(train, options.seconds, threads)
-    contenders["ours"] = partial(our_training, options.seconds)
+    peers = [*contenders]
+    presets: dict[PresetName, str] = {"paper": "minibatches of 32", "fast": "ours of 128"}
+    contenders |= {name: partial(our_training, name, options.seconds) for name in presets}
     found = in_turns(contenders, options.turns, warm_up=0)
     torch.set_num_threads(cores)
-    return against_ours("training steps, Pong", found)
+    return [
+        row
+        for name, minibatches in presets.items()
+        for row in against_ours(
+            f"training steps, Pong, {minibatches}",
+            {**{peer: found[peer] for peer in peers}, "ours": found[name]},
+        )
+    ]
 
 
-def our_training(seconds: float) -> float:
-    """Returns the training steps per second of a local run."""
-    with LocalRun(Setting()) as run:
+def our_training(preset: PresetName, seconds: float) -> float:
+    """Returns the training steps per second of a local run of ALE-Only by ``preset``."""
+    with LocalRun(Setting(preset=preset)) as run:
         run.settle()
         return run.measure(seconds).train_steps_per_second
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
 from benchmarks import peer_update, peers, scaling
 from benchmarks.child import Helper
@@ -66,6 +67,26 @@ def test_each_peer_beside_ours() -> None:
         ("a", 10.0, 3.0),
         ("b", 60.0, 0.5),
     ]
+
+
+def test_both_of_our_minibatches_stand_beside_the_peer(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(torch, "get_num_threads", lambda: 2)
+    monkeypatch.setattr(torch, "set_num_threads", lambda count: None)
+    monkeypatch.setattr(peers, "peer_dqn", lambda: lambda seconds, threads: 50.0 * threads)
+    rates = {"paper": 300.0, "fast": 500.0}
+    monkeypatch.setattr(peers, "our_training", lambda preset, seconds: rates[preset])
+    found = peers.compare_training(peers.Options())
+    assert [(each["work"], each["peer"], each["ratio"]) for each in found] == [
+        ("training steps, Pong, minibatches of 32", "stable-baselines3 DQN, 1 thread", 6.0),
+        ("training steps, Pong, minibatches of 32", "stable-baselines3 DQN, 2 threads", 3.0),
+        ("training steps, Pong, ours of 128", "stable-baselines3 DQN, 1 thread", 10.0),
+        ("training steps, Pong, ours of 128", "stable-baselines3 DQN, 2 threads", 5.0),
+    ]
+
+
+def test_the_preset_of_a_local_run_can_be_chosen() -> None:
+    presets = [each.flags()[1] for each in (Setting(), Setting(env="robot"), Setting(preset="fast"))]
+    assert presets == ["paper", "robot", "fast"]
 
 
 def test_what_is_not_installed_is_passed_over(
