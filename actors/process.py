@@ -50,7 +50,7 @@ def join(options: ActorOptions) -> None:
     # Each process uses one core: several run in parallel, and their threads would fight over cores.
     torch.set_num_threads(1)
     cv2.setNumThreads(1)
-    stopped = patiently(stop, options.connect)
+    stopped = patiently(stop, options.connect, options.patience)
     with (
         end_with_any_thread(stop),
         connect(

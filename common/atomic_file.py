@@ -4,11 +4,24 @@ import json
 import os
 import shutil
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from common.errors import InputError, writing
 from common.regular_file import no_links
+
+
+@contextmanager
+def naming(path: Path) -> Iterator[None]:
+    """Gives errors of the disk the name of the file, which those of an open file lack."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno is not None and error.filename is None:
+            error.filename = str(path)
+        raise
 
 
 def check_new_file(file: Path) -> None:
@@ -36,7 +49,7 @@ def write_atomically(path: Path, content: bytes, former: Path | None = None) -> 
     fresh, kept = path.with_name(path.name + ".tmp"), path.with_name(path.name + ".kept")
     fresh.unlink(missing_ok=True)  # left by a killed process, or a link to somewhere else
     try:
-        with fresh.open("xb") as file:
+        with naming(path), fresh.open("xb") as file:
             file.write(content)
             file.flush()
             os.fsync(file.fileno())
@@ -68,12 +81,13 @@ def append_whole(path: Path, content: bytes, *, durable: bool = False) -> None:
     try:
         size, rest = os.fstat(file).st_size, content
         try:
-            while rest:
-                rest = rest[os.write(file, rest) :]
-            if durable:
-                os.fsync(file)
-                if not size:
-                    _sync_names(path.parent)  # or a power failure could take the new file
+            with naming(path):
+                while rest:
+                    rest = rest[os.write(file, rest) :]
+                if durable:
+                    os.fsync(file)
+                    if not size:
+                        _sync_names(path.parent)  # or a power failure could take the new file
         except OSError:
             os.ftruncate(file, size)
             raise

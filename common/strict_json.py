@@ -17,5 +17,5 @@ def strict(value: Any) -> Any:
 
 
 def dumps(value: Any) -> str:
-    """Returns ``value`` as indented strict JSON."""
-    return json.dumps(strict(value), indent=2, ensure_ascii=False, allow_nan=False)
+    """Returns ``value`` as indented strict JSON of ASCII, which any terminal and pipe takes."""
+    return json.dumps(strict(value), indent=2, allow_nan=False)

@@ -77,9 +77,11 @@ def _files(source: RunFolder) -> Iterator[Path]:
     yield from (path for path in first if path.exists())
     # `rglob` does not follow links, and the replay may be a link to another disk.
     for path in sorted({*source.path.rglob("*"), *source.replay.rglob("*")}):
-        skipped = path == source.newest_learner or path.suffix in (".tmp", ".kept", ".lock")
+        skipped = path in (source.newest_learner, source.config_file)
+        skipped |= path.suffix in (".tmp", ".kept", ".lock")
         if path.is_file() and path not in first and not skipped:
             yield path
+    yield source.config_file  # without which a copy that was killed is no run
 
 
 def _copy(source: RunFolder, place: Path, stop: threading.Event) -> None:

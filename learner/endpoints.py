@@ -46,7 +46,8 @@ def open_replay(
         ):
             yield transport, buffer, options.listen
         return
-    patience, stopped = options.patience, patiently(stop, endpoint)
+    patience = options.patience
+    stopped = patiently(stop, endpoint, patience)
     with connect(
         endpoint, patience, stopped, role="learner", certificates=options.certificates
     ) as transport:

@@ -12,6 +12,7 @@ from common.metrics import METRICS, Metric, Value
 from common.regular_file import read_file
 from common.run.folder import RUNS, RunFolder
 from common.run.newest_learner import Ended, NewestLearner
+from common.strict_json import strict
 from common.transport.endpoint import DEFAULT_ENDPOINT
 from learner.telemetry.formats import fill, played, scores
 
@@ -49,7 +50,7 @@ class FolderReport:
         summary, written, error = {}, "", ""
         with suppress(OSError, ValueError, RecursionError):
             told = json.loads(read_file(folder.summary))
-            summary = told if isinstance(told, dict) else {}
+            summary = strict(told) if isinstance(told, dict) else {}
             at = datetime.fromtimestamp(folder.summary.stat().st_mtime)
             written = f"{at:%Y-%m-%d %H:%M}"
         with suppress(OSError, ValueError, RecursionError, LookupError, TypeError):

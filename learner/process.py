@@ -91,6 +91,7 @@ def train(options: LearnerOptions, again: bool) -> int:
         write_newest = partial(_write_newest, options, folder, from_here(endpoint), learner)
         with learner.telemetry:
             write_newest()
+            keep("started")  # so that an error before it is no longer the last word
             if page is not None:
                 display.line(f"watch the run at {page}")
             sent = demonstrations is None or insert_all(

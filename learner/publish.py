@@ -74,6 +74,9 @@ def publish(options: Options, stop: threading.Event) -> dict[str, Any]:
     """
     if options.output.name in ("", ".."):
         raise InputError(f"{options.output} names no file: give -o a name, such as policies/NAME.")
+    run = RunFolder.existing(options.run).resolved()
+    if options.output.resolve().is_relative_to(run.path):
+        raise InputError(f"{options.output} is inside of the run: name a file outside.")
     config, network, card = _trained(options)
     options.output.parent.mkdir(parents=True, exist_ok=True)
     weights = options.output.with_name(f"{options.output.name}.safetensors")

@@ -82,7 +82,10 @@ def _state(run: RunFolder, report: FolderReport) -> str:
 
 def _how(run: RunFolder, report: FolderReport) -> str:
     """Returns whether somebody works at a run, or how it ended."""
-    return _AT_WORK if run.is_at_work() else report.how
+    try:
+        return _AT_WORK if run.is_at_work() else report.how
+    except OSError:  # such as another user's, whose locks cannot be opened
+        return "unknown"
 
 
 def _told(run: RunFolder) -> dict[str, Any]:

@@ -40,7 +40,7 @@ double sum_of_squares(const float* numbers, long count) {
 
 struct Coefficients {
     float scale;  // of gradients
-    float to_mean, to_square;
+    float to_mean, of_square, to_square;
     float rate, root, epsilon;
 };
 
@@ -51,7 +51,7 @@ void adam(float* __restrict weights, const float* __restrict gradients, float* _
     for (long i = 0; i < count; i++) {
         const float g = c.scale * gradients[i];
         means[i] += c.to_mean * (g - means[i]);
-        squares[i] += c.to_square * (g * g - squares[i]);
+        squares[i] = c.of_square * squares[i] + c.to_square * g * g;
         weights[i] -= c.rate * means[i] / (c.root * std::sqrt(squares[i]) + c.epsilon);
     }
 }
@@ -60,7 +60,7 @@ void rmsprop(float* __restrict weights, const float* __restrict gradients, float
              float* __restrict squares, long count, Coefficients c) {
     for (long i = 0; i < count; i++) {
         const float g = c.scale * gradients[i];
-        squares[i] += c.to_square * (g * g - squares[i]);
+        squares[i] = c.of_square * squares[i] + c.to_square * g * g;
         weights[i] -= c.rate * g / (c.root * std::sqrt(squares[i]) + c.epsilon);
     }
 }
@@ -72,7 +72,7 @@ extern "C" {
 // Moves `weights` by their `gradients`, scaled so that their common norm is at most `max_norm`; 0 does not
 // scale them.
 //
-//     mean += (1 - beta1) * (gradient - mean);  square += (1 - beta2) * (gradient^2 - square)
+//     mean += (1 - beta1) * (gradient - mean);  square = beta2 * square + (1 - beta2) * gradient^2
 //     weight -= rate / (1 - beta1^step) * mean / (sqrt(square / (1 - beta2^step)) + epsilon)
 //
 // Each tensor has its own number of steps, this one not included; all are equal.
@@ -85,6 +85,7 @@ void adam_step(float* const weights[], const float* const gradients[], float* co
     Coefficients coefficients{
         .scale = 1,
         .to_mean = (float)(1 - beta1),
+        .of_square = (float)beta2,
         .to_square = (float)(1 - beta2),
         .rate = (float)(rate / (1 - std::pow(beta1, step))),
         .root = (float)(1 / std::sqrt(1 - std::pow(beta2, step))),

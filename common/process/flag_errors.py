@@ -25,13 +25,23 @@ def as_sentence(box: str, all_flags: str) -> str:
     return f"there is no flag {unknown}: {hint}"
 
 
+_WITH_COMMAS = r"'(\d+(?:,\d{3})+)'"
 _SAID = {
+    rf"Error parsing (\S+): invalid literal for int\(\) with base 10: {_WITH_COMMAS}": (
+        r"\1 is '\2': write it without commas;"
+    ),
     r"Error parsing (\S+): invalid literal for int\(\) with base 10: (.*)": (
         r"\1 is \2: give a whole number;"
     ),
     r"Error parsing (\S+): could not convert string to float: (.*)": r"\1 is \2: give a number;",
+    rf"(?:Error parsing )?(\S+): no type matching \S+\|INT could be .* from \[{_WITH_COMMAS}\].*": (
+        r"\1 is '\2': write it without commas;"
+    ),
     r"(?:Error parsing )?(\S+): no type matching \S+\|INT could be .* from \['(.*)'\].*": (
         r"\1 is '\2': give a whole number;"
+    ),
+    r"(?:Error parsing )?(\S+): no type matching \S+\|FLOAT could be .* from \['(.*)'\].*": (
+        r"\1 is '\2': give a number;"
     ),
     r"[Ii]nvalid choice (.*) for argument '(\S+)'\. Expected one of \((.*)\)\.": (
         r"\2 is \1: choose one of \3;"

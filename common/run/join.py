@@ -1,6 +1,7 @@
 """Joins a run: finds which run a hub serves, and its configuration."""
 
 import logging
+import math
 import threading
 import time
 from collections.abc import Callable
@@ -28,16 +29,19 @@ _DENIED = (
 def patiently(
     stop: threading.Event,
     endpoint: str,
+    patience: float = math.inf,
     say: Callable[[str], None] = say_aside,
     now: Now = time.monotonic,
 ) -> Callable[[], bool]:
     """Returns a function that says whether ``stop`` is set, for callers that wait for a run and ask
-    after each attempt. At the first call, and then every 10 s, it prints that they wait."""
+    after each attempt. At the first call, and then every 10 s, it prints that they wait, and that
+    they do so for ``patience`` seconds."""
     reminder = Every(_TELL_EVERY, now)
+    most = f" for at most {patience:.0f} s" if math.isfinite(patience) else ""
 
     def stopped() -> bool:
         if not stop.is_set() and reminder.is_due():
-            say(f"waiting for a run at {endpoint}; Ctrl-C ends it.")
+            say(f"waiting{most} for a run at {endpoint}; Ctrl-C ends it.")
         return stop.is_set()
 
     return stopped

@@ -85,7 +85,8 @@ def test_both_of_our_minibatches_stand_beside_the_peer(monkeypatch: pytest.Monke
 
 
 def test_the_preset_of_a_local_run_can_be_chosen() -> None:
-    presets = [each.flags()[1] for each in (Setting(), Setting(env="robot"), Setting(preset="fast"))]
+    settings = Setting(), Setting(env="robot"), Setting(preset="fast")
+    presets = [each.flags()[1] for each in settings]
     assert presets == ["paper", "robot", "fast"]
 
 

@@ -36,6 +36,19 @@ def test_a_write_that_fails_leaves_the_old_file(
     assert os.listdir(tmp_path) == ["file"]
 
 
+def test_a_disk_that_is_full_names_the_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    let_the_disk_take(monkeypatch)
+    with pytest.raises(OSError, match="No space left") as raised:
+        append_whole(tmp_path / "file", b"more")
+    assert raised.value.filename == str(tmp_path / "file")
+    monkeypatch.setattr(os, "fsync", lambda file: os.write(file, b""))
+    with pytest.raises(OSError, match="No space left") as raised:
+        write_atomically(tmp_path / "other", b"new")
+    assert raised.value.filename == str(tmp_path / "other")
+
+
 def test_a_name_that_cannot_be_replaced_leaves_no_file_beside_it(tmp_path: Path) -> None:
     path = tmp_path / "file"
     path.mkdir()

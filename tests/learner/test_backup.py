@@ -169,6 +169,7 @@ def test_what_the_copy_rests_on_comes_first(
     assert opened[:3] == [
         "checkpoint.safetensors", "checkpoint.previous.safetensors", "journal.jsonl",
     ]  # fmt: skip
+    assert opened[-1] == "config.json"  # until then nobody takes it for a run
     found = content(copy)
     assert found["replay/journal.jsonl"] == "chunks, and one more"
     assert "snapshots/best.safetensors" not in found

@@ -43,6 +43,14 @@ def test_one_that_has_no_room_for_a_while_is_waited_for(number: int) -> None:
     ]
 
 
+def test_a_long_wait_is_told_every_minute() -> None:
+    said: list[str] = []
+    disk = Disk(4, errno.ENOSPC)
+    seconds = iter((0.0, 0.0, 30.0, 59.9, 60.0, 60.0))
+    assert insist(disk.write, said.append, threading.Event(), lambda: next(seconds)) == "written"
+    assert [text.split()[0] for text in said] == ["WARNING:", "WARNING:", "The"]
+
+
 def test_a_stop_ends_the_wait() -> None:
     said: list[str] = []
     disk = Disk(float("inf"), errno.ENOSPC)

@@ -107,6 +107,15 @@ def test_an_output_without_a_name_is_refused(tmp_path: Path, output: str) -> Non
         publish(options, threading.Event())
 
 
+@pytest.mark.parametrize("output", ["checkpoint", "config", "snapshots/best"])
+def test_the_runs_own_files_are_not_replaced(tmp_path: Path, output: str) -> None:
+    run = _run(tmp_path / "small")
+    before = {file: file.read_bytes() for file in run.rglob("*") if file.is_file()}
+    with pytest.raises(InputError, match="is inside of the run: name a file outside"):
+        publish(Options(run, run / output), threading.Event())
+    assert {file: file.read_bytes() for file in run.rglob("*") if file.is_file()} == before
+
+
 def test_a_run_without_a_test_is_told(tmp_path: Path) -> None:
     (file := tmp_path / "weights.safetensors").touch()
     for other in (tmp_path, file, tmp_path / "none"):

@@ -118,6 +118,30 @@ def test_the_list_as_json_has_all_figures(
     assert folder.is_at_work()
 
 
+def test_a_run_that_cannot_be_looked_at_hides_no_other(
+    runs: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (runs / "done/.learner.lock").mkdir()  # as a file of another user cannot be opened
+    main(["--json"])
+    states = {each["run"]: each["state"] for each in json.loads(capsys.readouterr().out)}
+    assert (states["done"], states["new"]) == ("unknown", "ended")
+    assert "unknown" in listed(capsys)[5]
+
+
+def test_its_json_can_be_read_whatever_a_run_has_written(
+    runs: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (runs / "ended/summary.json").write_text('{"a":' * 900 + "1" + "}" * 900)
+    log = runs / "ended/logs/learner.jsonl"
+    log.parent.mkdir()
+    log.write_text(json.dumps({"level": "error", "message": "caf\u00e9 \U0001f600"}))
+    main(["--json"])
+    printed = capsys.readouterr().out
+    assert printed.isascii()
+    (told,) = (each for each in json.loads(printed) if each["run"] == "ended")
+    assert (told["error"], told["summary"]) == ("caf\u00e9 \U0001f600", None)
+
+
 def test_a_folder_without_runs_is_told(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

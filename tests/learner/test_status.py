@@ -190,6 +190,7 @@ def test_a_run_without_an_actor_is_told_how_to_start_one(client: Transport) -> N
         (snapshot({}, actors=(evaluator,)), True),
         (snapshot({}, actors=(NOW.present[1],)), True),
         (snapshot({"stream/actors_starting": 1}), False),
+        (snapshot({"run/phase": "finishing"}, actors=(evaluator,)), False),
         (NOW, False),
     ):
         sink.write(present)

@@ -13,6 +13,7 @@ from types import SimpleNamespace
 from tensorboard.compat.proto.event_pb2 import Event
 from tensorboard.summary.writer.record_writer import RecordWriter
 
+from common.atomic_file import naming
 from common.regular_file import no_links
 
 
@@ -28,7 +29,8 @@ class EventFile:
         seconds, rest = divmod(time.time_ns(), 10**9)
         whose = f"{socket.gethostname()}.{os.getpid()}"
         name = f"events.out.tfevents.{seconds:010}.{whose}.{rest:09}"
-        self._file = no_links(str(folder / name), os.O_WRONLY | os.O_APPEND | os.O_CREAT)
+        self._path = folder / name
+        self._file = no_links(str(self._path), os.O_WRONLY | os.O_APPEND | os.O_CREAT)
         self._pending = bytearray()
         """Bytes that are not in the file yet."""
         self._records = RecordWriter(SimpleNamespace(write=self._pending.extend))
@@ -44,8 +46,9 @@ class EventFile:
         Raises:
             OSError: the disk refuses it; the next call writes the rest.
         """
-        while self._pending:
-            del self._pending[: os.write(self._file, self._pending)]
+        with naming(self._path):
+            while self._pending:
+                del self._pending[: os.write(self._file, self._pending)]
 
     def close(self) -> None:
         """Writes all that was added, and closes the file even if the disk refuses it."""

@@ -23,6 +23,8 @@ from tests.common.process.test_command_line import parsed
             for flag in ("--seed", "--preset", "--env")
         ),
         (["--seed", "two"], r"^--seed is 'two': give a whole number; `python -m program --help` "),
+        (["--seed", "400,000"], r"^--seed is '400,000': write it without commas; `python "),
+        (["--seed", "4,00"], r"^--seed is '4,00': give a whole number; `python "),
         (["--learning.discount", "x"], r"^--learning.discount is 'x': give a number; `python "),
         (
             ["--learning.target", "triple"],

@@ -200,13 +200,13 @@ def test_whoever_waits_says_so_at_once_and_every_ten_seconds() -> None:
     said: list[str] = []
     times = iter((0.0, 0.0, 5.0, 10.0, 10.0, 19.9, 20.0, 20.0))
     stop = threading.Event()
-    stopped = patiently(stop, "tcp/hub:7447", said.append, lambda: next(times))
+    stopped = patiently(stop, "tcp/hub:7447", 300.0, said.append, lambda: next(times))
     told = []
     for _ in range(5):
         assert not stopped()
         told.append(len(said))
     assert told == [1, 1, 2, 2, 3]
-    assert said[0] == "waiting for a run at tcp/hub:7447; Ctrl-C ends it."
+    assert said[0] == "waiting for at most 300 s for a run at tcp/hub:7447; Ctrl-C ends it."
     stop.set()
     assert stopped()
     assert len(said) == 3

@@ -237,6 +237,57 @@ def test_a_gradient_that_is_missing_leaves_its_parameter(
         torch.testing.assert_close(ours, theirs, rtol=1e-5, atol=1e-6)
 
 
+def test_a_parameter_that_was_behind_in_a_checkpoint_stays_behind(native: InstructionSet) -> None:
+    found = []
+    for kind in (native, None):
+        weights = weights_of_many_shapes()
+        optimizer = BoundedOptimizer(weights, ADAM, kind)
+        for seed in range(3):
+            before, optimizer = optimizer, BoundedOptimizer(weights, ADAM, kind)
+            optimizer.load_state(before.state())
+            for weight in weights:
+                weight.grad = torch.full_like(weight, 0.1 + seed)
+            if seed == 0:
+                weights[1].grad = None
+            optimizer.step(LOSS)
+        found.append(weights)
+    for ours, theirs in zip(*found, strict=True):
+        torch.testing.assert_close(ours, theirs, rtol=1e-5, atol=1e-6)
+
+
+@pytest.mark.usefixtures("only_compiled")
+def test_after_a_restore_it_goes_on_from_what_was_restored(native: InstructionSet) -> None:
+    ours, theirs = weights_of_many_shapes(), weights_of_many_shapes()
+    compiled, plain = BoundedOptimizer(ours, ADAM, native), BoundedOptimizer(theirs, ADAM)
+    take_step(compiled, ours, 0)
+    for seed in (0, 1):
+        take_step(plain, theirs, seed)
+    with torch.no_grad():
+        for our, their in zip(ours, theirs, strict=True):
+            our.copy_(their)
+    compiled.load_state(plain.state())
+    take_step(compiled, ours, 2)
+    take_step(plain, theirs, 2)
+    for our, their in zip(ours, theirs, strict=True):
+        torch.testing.assert_close(our, their, rtol=1e-5, atol=1e-6)
+    kept = plain.state()
+    for name, value in compiled.state().items():
+        torch.testing.assert_close(value, kept[name], rtol=1e-5, atol=1e-6)
+
+
+@pytest.mark.usefixtures("only_compiled")
+@pytest.mark.parametrize("config", [ADAM, RMSPROP])
+def test_gradients_whose_squares_are_infinite_leave_finite_weights(
+    config: LearningConfig, native: InstructionSet
+) -> None:
+    weight = nn.Parameter(torch.ones(40))
+    optimizer = BoundedOptimizer([weight], replace(config, gradient_norm=0.0), native)
+    for _ in range(3):
+        weight.grad = torch.full((40,), 1e25)
+        optimizer.step(LOSS)
+    assert weight.isfinite().all()  # as by PyTorch's
+
+
 @pytest.mark.parametrize("kind", [None, "native"])
 @pytest.mark.parametrize(
     "gradient", [torch.arange(35.0).reshape(5, 7).t() / 35, torch.tensor(2.0).expand(7, 5)]
