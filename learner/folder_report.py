@@ -47,7 +47,8 @@ class FolderReport:
             resume_command = shlex.join(
                 ["ale-robot", "train", *place, "--run", folder.name, "--resume"]
             )
-        summary, written, error = {}, "", ""
+        summary: dict[str, Any] = {}
+        written, error = "", ""
         with suppress(OSError, ValueError, RecursionError):
             told = json.loads(read_file(folder.summary))
             summary = strict(told) if isinstance(told, dict) else {}
