@@ -101,7 +101,7 @@ figures: setup  ## draw the figures of docs/ from the results
 		$(R1) $(RESULTS)/ale_fast_30min.csv --names "former preset fast" "first preset fast"
 	$(PLOT) --figure progress --phase train -o docs/rungs_learn.png \
 		$(R1) $(patsubst %,$(LADDER)%-vector-pong-robot-seed-1.csv,R2 R3 R4) \
-		--names "R1, emulator alone" "R2, late keys" "R3, camera without hands" \
+		--names "R1, emulator alone" "R2, latency of hands" "R3, camera without hands" \
 		"R4, hands without camera"
 	$(PLOT) --figure progress --phase train -o docs/breakout_learns.png \
 		$(LADDER)R5-vector-breakout-robot-seed-1.csv --names "robot with proprioception, Breakout"
@@ -113,8 +113,9 @@ figures: setup  ## draw the figures of docs/ from the results
 	$(PLOT) --figure latency $(RESULTS)/hand_latency.csv -o docs/hand_latency.png \
 		--names "trained without latency (ale_pong)" "trained with 33 ms of latency (R2)"
 	$(PLOT) --figure press $(RESULTS)/press_latency.json -o docs/press_latency.png
-	$(PLOT) --figure race $(addprefix $(RESULTS)/race_,ale_short.json robot_short.json robot_whole.json) \
-		-o docs/race.png
+	$(PLOT) --figure race $(addprefix $(RESULTS)/race_,ale_450k.json robot_early.json robot_whole.json) \
+		-o docs/race.png --names "emulator alone, preset fast" "robot, preset robot" \
+		"robot, the preset before"
 	$(PLOT) --figure robustness $(patsubst %,$(RESULTS)/robustness_robot_pong_%.json,sticky worlds robust_sticky) -o docs/robustness.png
 	$(PLOT) --figure robustness $(wildcard $(RESULTS)/latency_*.json) -o docs/latency.png
 	$(PLOT) --figure games $(RESULTS)/games.json -o docs/games.png

@@ -11,15 +11,11 @@ from benchmarks.report import reading
 from learner.figures.plot_style import INK, Points, Series, line_figure
 
 
-def race_figure(paths: Sequence[Path]) -> Figure:
-    """Returns the figure of races that `python -m benchmarks.lab.race` wrote to ``paths``.
+def race_figure(series: Sequence[Series]) -> Figure:
+    """Returns the figure of what `read_race` returned.
 
     Each race has a colour, and so has its peer; each seed has a line.
-
-    Raises:
-        InputError: a file holds something else, or nothing was tested yet.
     """
-    series = [each for path in paths for each in _read(path)]
     x, y = "wall clock of training (minutes)", "mean score of a game"
     figure, axes = line_figure(series, x, y, width=8.0, height=4.6, means=False)
     axes.set_xlim(left=0)
@@ -31,7 +27,12 @@ def race_figure(paths: Sequence[Path]) -> Figure:
     return figure
 
 
-def _read(path: Path) -> list[Series]:
+def read_race(path: Path) -> list[Series]:
+    """Returns the races that `python -m benchmarks.lab.race` wrote to ``path``, and their peer's.
+
+    Raises:
+        InputError: the file holds something else, or nothing was tested yet.
+    """
     with reading(path, "race", "lab.race") as found:
         lines = [
             _line((test["seconds"], test["mean"]) for test in run["tests"] if "mean" in test)
