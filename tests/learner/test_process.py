@@ -160,7 +160,9 @@ def test_the_reason_for_which_a_run_ends_is_in_its_log(
     else:
         with pytest.raises(InputError):
             process.train(options, again=False)
-    (kept,) = (folder.logs / "learner.jsonl").read_text().splitlines()
+    begun, kept = (folder.logs / "learner.jsonl").read_text().splitlines()
+    # Or the error of a start before would be that of one that is killed.
+    assert json.loads(begun)["message"] == "started"
     told = json.loads(kept)
     assert told["level"] == "error"
     stopped = "stopped: no agent step came in 10 minutes"
