@@ -74,10 +74,10 @@ def publish(options: Options, stop: threading.Event) -> dict[str, Any]:
     """
     if options.output.name in ("", ".."):
         raise InputError(f"{options.output} names no file: give -o a name, such as policies/NAME.")
-    run = RunFolder.existing(options.run).resolved()
-    if options.output.resolve().is_relative_to(run.path):
+    folder = RunFolder.existing(options.run)
+    if options.output.resolve().is_relative_to(folder.path.resolve()):
         raise InputError(f"{options.output} is inside of the run: name a file outside.")
-    config, network, card = _trained(options)
+    config, network, card = _trained(options, folder)
     options.output.parent.mkdir(parents=True, exist_ok=True)
     weights = options.output.with_name(f"{options.output.name}.safetensors")
     published = encode_weights(network, config, torch.float16)
@@ -94,10 +94,9 @@ def publish(options: Options, stop: threading.Event) -> dict[str, Any]:
     return card
 
 
-def _trained(options: Options) -> tuple[RunConfig, QNetwork, dict[str, Any]]:
+def _trained(options: Options, folder: RunFolder) -> tuple[RunConfig, QNetwork, dict[str, Any]]:
     """Returns the run's settings, the network to publish, and what the card says of its
     training."""
-    folder = RunFolder.existing(options.run)
     config = folder.stored_config()
     assert config is not None  # or it would not be a run
     snapshots = Snapshots(folder.snapshots)

@@ -171,10 +171,10 @@ def _rows(learner: RunStatus | None) -> Iterator[tuple[str, ...]]:
     yield "learner", state, learner.version, rate, UNKNOWN, _ago(learner.silent_for)
     for actor in learner.actors:
         share = round(100 * actor.throttled_share)
-        held = f", throttled {share}%" if share else ""
+        throttled = f", throttled {share}%" if share else ""
         yield (
             actor.name,
-            f"{actor.role}{held}" if actor.alive else f"{actor.role}, {ended(actor.leaving)}",
+            f"{actor.role}{throttled}" if actor.alive else f"{actor.role}, {ended(actor.leaving)}",
             actor.version,
             f"{decimal(actor.steps_per_second, 1)} steps/s",
             f"{actor.lag:,} updates" if actor.role == "actor" else UNKNOWN,
