@@ -26,6 +26,7 @@ _SOURCES = ("trunk.cpp", "adam.cpp", "quantile_huber.cpp")
 _HEADERS = ("threads.h",)
 _FLAGS = (
     *("-std=c++20", "-O3", "-ffp-contract=fast", "-fno-math-errno"),
+    "-falign-loops=64",  # or the speed of a loop would depend on the code before it
     *("-shared", "-fPIC", "-pthread"),
 )
 InstructionSet = Literal["avx2", "avx512", "avx512_bf16"]

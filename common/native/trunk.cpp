@@ -55,6 +55,7 @@ constexpr int KEPT = 8;
 constexpr int LANES = sizeof(Vector) / sizeof(float);
 constexpr int VECTOR = LANES * GROUP;        // numbers of a vector's groups
 constexpr int TILE = WIDE * LANES;           // sums side by side in most products
+constexpr int LINE = 64 / sizeof(number);    // numbers of a cache line
 
 constexpr int FRAMES = 4, SIDE = 84;
 constexpr int SOME = 16;                     // pixels of a row that are placed together
@@ -125,6 +126,24 @@ inline void store(number* to, Vector values) {
     _mm256_storeu_si256((__m256i*)to, (__m256i)_mm512_cvtneps_pbh(values));
 }
 
+// Writes BLOCK rows of SOME values each, values(y, x) from x on, as a row of 4x4 blocks.
+template <class F>
+inline void store_blocks(number* to, const F& values) {
+    const auto two_rows = [&](int y) {
+        const auto first = (__m256i)_mm512_cvtneps_pbh(values(y, 0));
+        const auto second = (__m256i)_mm512_cvtneps_pbh(values(y + 1, 0));
+        return _mm512_inserti64x4(_mm512_castsi256_si512(first), second, 1);
+    };
+    // Four numbers are 64 bits: a block takes those at the same x of all rows.
+    const __m512i above = two_rows(0), below = two_rows(2);
+    for (int b = 0; b < SOME / BLOCK; b += 2) {
+        const __m512i order = _mm512_setr_epi64(b, b + 4, b + 8, b + 12, b + 1, b + 5, b + 9, b + 13);
+        const __m512i two_blocks = _mm512_permutex2var_epi64(above, order, below);
+        _mm256_storeu_si256((__m256i*)(to + b * C0), _mm512_castsi512_si256(two_blocks));
+        _mm256_storeu_si256((__m256i*)(to + (b + 1) * C0), _mm512_extracti64x4_epi64(two_blocks, 1));
+    }
+}
+
 // Writes first[0], last[0], first[1], last[1], ... of `count` values each, a multiple of 16.
 inline void group(const number* first, const number* last, number* to, int count) {
     for (int i = 0; i < count; i += LANES) {
@@ -144,6 +163,16 @@ inline Vector add_products(Vector sums, Vector a, Vector b) { return a * b + sum
 inline Vector load_floats(const number* from) { return load_vector(from); }
 
 inline void store(number* to, Vector values) { store_vector(to, values); }
+
+template <class F>
+inline void store_blocks(number* to, const F& values) {
+    for (int y = 0; y < BLOCK; y++) {
+        number row[SOME];
+        for (int x = 0; x < SOME; x += LANES) store(row + x, values(y, x));
+        for (int b = 0; b < SOME / BLOCK; b++)
+            std::memcpy(to + b * C0 + y * BLOCK, row + b * BLOCK, BLOCK * sizeof(number));
+    }
+}
 
 // The first of a group is its last, too.
 inline void group(const number* first, const number*, number* to, int count) {
@@ -255,22 +284,14 @@ T* at_least(std::vector<T>& memory, long count) {
 
 // -------------------------------------------------------------------------------------- pixels
 
-// Returns the mean of `count` pixels; a half goes to the even number.
+// Returns the mean of `count` pixels, a multiple of 16; a half goes to the even number.
 int mean_of(const std::uint8_t* pixels, int count) {
-    unsigned sum = 0;
-    for (int p = 0; p < count; p++) sum += pixels[p];
-    return (int)std::nearbyint((double)sum / count);
-}
-
-// Writes SOME pixels of a row, less those before and less `grey`, to a row of four blocks.
-inline void place_pixels(const std::uint8_t* now, const std::uint8_t* before, int grey, number* to) {
-    number row[SOME];
-    for (int i = 0; i < SOME; i += LANES) {
-        const Vector less = before ? load_pixels(before + i) : all((float)grey);
-        store(row + i, load_pixels(now + i) - less);
+    __m128i sums{};  // one of each half
+    for (int p = 0; p < count; p += sizeof sums) {
+        const __m128i some = _mm_loadu_si128((const __m128i*)(pixels + p));
+        sums = _mm_add_epi64(sums, _mm_sad_epu8(some, __m128i{}));
     }
-    for (int b = 0; b < SOME / BLOCK; b++)
-        std::memcpy(to + b * C0, row + b * BLOCK, BLOCK * sizeof(number));
+    return (int)std::nearbyint((double)(sums[0] + sums[1]) / count);
 }
 
 // ------------------------------------------------------------------------------------- forward
@@ -281,6 +302,8 @@ void convolve(const Weights& w, const number* a0, Activations& a, number* featur
     for (int tile = 0; tile < C1 / TILE; tile++)
         for (int y = 0; y < S1; y++)
             for (int x = 0; x < S1; x += ACROSS) {
+                for (int p = 0; p < ACROSS * C0; p += LINE)  // of the row after the next
+                    __builtin_prefetch(a0 + ((y + 2) * S0 + x) * C0 + p);
                 Sums<ACROSS> sums;
                 sums.start_at(w.b1 + tile * TILE, 0);
                 for (int k = 0; k < 2; k++)
@@ -521,6 +544,8 @@ class Trunk {
                     sums.write(d_features + i * FEATURES + panel * TILE, FEATURES);
                 }
                 for (long n = 0; n < HIDDEN; n += ROWS) {
+                    for (int r = 0; r < ROWS; r++)
+                        __builtin_prefetch(weights_.dense[n + r] + (panel + 1) * TILE);
                     Sums<ROWS> sums;
                     sums.start_at_zero();
                     sums.add(d_groups + n * groups * GROUP, GROUP, GROUP * ROWS,
@@ -573,8 +598,7 @@ class Trunk {
     // Writes features as [state / TILE][group of features][state][GROUP].
     void arrange(const number* features, long states, int threads) {
         number* arranged = at_least(arranged_, up(states, TILE) * TILE * FEATURES);
-        constexpr int LINE = 64 / sizeof(number);  // features of a cache line, which are read once
-        constexpr int LINES = FEATURES / LINE;
+        constexpr int LINES = FEATURES / LINE;  // each is read once
         Deal lines(up(states, TILE) * LINES);
         in_threads(threads, [&](int) {
             for (long line; lines.next(line);) {
@@ -665,20 +689,22 @@ extern "C" {
 void trunk_pixels(const std::uint8_t* frames, number* pixels, long states, int differences, int center,
                   int threads) {
     constexpr int FRAME = SIDE * SIDE;
-    Deal all(states);
+    Deal dealt(states);
     in_threads(threads, [&](int) {
-        for (long i; all.next(i);) {
+        for (long i; dealt.next(i);) {
             const std::uint8_t* of = frames + i * FRAMES * FRAME;
             const int grey = center ? mean_of(of, (differences ? 1 : FRAMES) * FRAME) : 0;
-            for (int row = 0; row < FRAMES * SIDE; row++) {
-                // The rows of a block one after the other, while the cache has it.
-                const int y = row / (FRAMES * BLOCK) * BLOCK + row % BLOCK, frame = row / BLOCK % FRAMES;
-                const std::uint8_t* now = of + frame * FRAME + y * SIDE;
-                const std::uint8_t* before = differences && frame ? now - FRAME : nullptr;
-                number* to = pixels + i * A0 + y / BLOCK * S0 * C0 + (frame * BLOCK + y % BLOCK) * BLOCK;
-                for (int x : {0, 16, 32, 48, 64, SIDE - SOME})  // the last ones overlap
-                    place_pixels(now + x, before ? before + x : nullptr, grey, to + x / BLOCK * C0);
-            }
+            for (int y = 0; y < SIDE; y += BLOCK)
+                for (int frame = 0; frame < FRAMES; frame++)
+                    for (int x : {0, 16, 32, 48, 64, SIDE - SOME}) {  // the last ones overlap
+                        const std::uint8_t* now = of + (frame * SIDE + y) * SIDE + x;
+                        const bool less = differences && frame;
+                        number* to = pixels + i * A0 + (y / BLOCK * S0 + x / BLOCK) * C0;
+                        store_blocks(to + frame * BLOCK * BLOCK, [=](int row, int column) {
+                            const std::uint8_t* at = now + row * SIDE + column;
+                            return load_pixels(at) - (less ? load_pixels(at - FRAME) : all((float)grey));
+                        });
+                    }
         }
     });
 }
