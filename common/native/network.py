@@ -68,6 +68,8 @@ class NativeQNetwork(QNetwork):
         )
         self._gradients = [*of_weights, *of_biases]
         self._of_dense = of_weights[-1]
+        # Looked up once, which PyTorch takes longer for than an update has to spare.
+        self._parameters_at = addresses(self._weights), addresses(self._biases)
         self._gradients_at = addresses(of_weights), addresses(of_biases)
         self._kept: _Kept | None = None
         self.pack()
@@ -77,20 +79,18 @@ class NativeQNetwork(QNetwork):
         )
 
     @staticmethod
-    def fits(network: QNetwork) -> bool:
+    def fits(network: nn.Module) -> bool:
         """Returns whether the code is written for the layers of ``network``."""
+        if type(network) is not QNetwork:
+            return False
         kernels = [(tuple(m.weight.shape), m.stride) for m in _convolutions(network)]
-        return (
-            type(network) is QNetwork
-            and kernels == _KERNELS
-            and network.hidden.out_features == _HIDDEN
-        )
+        return kernels == _KERNELS and network.hidden.out_features == _HIDDEN
 
     @torch.no_grad()
     def pack(self) -> None:
         """Takes over the present weights."""
         self._library.trunk_pack(
-            *(self._trunk, addresses(self._weights), addresses(self._biases)),
+            *(self._trunk, *self._parameters_at),
             *(self.hidden.in_features, self.pixel_scale, torch.get_num_threads()),
         )
 

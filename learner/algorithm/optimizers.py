@@ -126,7 +126,8 @@ class _CompiledStep:
         self._weights = weights
         self._slots = slots  # so that they outlive the step, which has their addresses
         names = "exp_avg", "exp_avg_sq", "step"
-        self._addresses = [addresses([each[name] for each in slots]) for name in names]
+        self._weights_at = addresses(weights)
+        self._slots_at = [addresses([each[name] for each in slots]) for name in names]
         self._sizes = (c_long * len(weights))(*(weight.numel() for weight in weights))
 
     def __call__(self, group: Mapping[str, Any], max_norm: float) -> None:
@@ -134,7 +135,7 @@ class _CompiledStep:
         gradients = [weight.grad for weight in self._weights if weight.grad is not None]
         assert len(gradients) == len(self._weights)
         self._code.adam_step(
-            *(addresses(self._weights), addresses(gradients), *self._addresses, self._sizes),
+            *(self._weights_at, addresses(gradients), *self._slots_at, self._sizes),
             *(len(self._weights), max_norm, group["lr"], *group["betas"], group["eps"]),
             torch.get_num_threads(),
         )

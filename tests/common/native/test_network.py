@@ -292,6 +292,7 @@ def test_only_the_layers_that_the_code_knows_are_its() -> None:
     assert not NativeQNetwork.fits(QNetwork(3, learning=LearningConfig(network="nips")))
     assert not NativeQNetwork.fits(QNetwork(3, frame_stack=3))
     assert not NativeQNetwork.fits(Other(3))
+    assert not NativeQNetwork.fits(nn.Linear(3, 3))  # a registered algorithm's own
     coarser = QNetwork(3)
     layers_of(coarser)[2].stride = (2, 2)
     assert not NativeQNetwork.fits(coarser)
