@@ -99,6 +99,7 @@ def run(
     """
     given = parse(options, f"benchmarks.{name}", arguments)
     given.check()
+    provenance()  # of the code that measures, whatever is committed meanwhile
     measure(given).publish(given.json)
 
 

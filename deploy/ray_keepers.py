@@ -37,6 +37,9 @@ _LOOK = 2.0
 _PAUSE = 5.0
 """Seconds between the end of a process and that of its keeper. They are the time to ask for the
 exit code, and the pause between restarts."""
+_LONG_PAUSE = 60.0
+"""The same after an actor that ended well. Its node may be closing down; if the run's steps are all
+played, it would leave at once each time, and the last tests can take many minutes."""
 
 
 class _ProgramKeeper:
@@ -204,7 +207,7 @@ class ActorKeeper:
             return
         if status == BAD_INPUT:  # another start cannot help
             ray.kill(ray.get_actor(self._name))
-        time.sleep(_PAUSE)
+        time.sleep(_PAUSE if status else _LONG_PAUSE)
         os._exit(1)  # Ray restarts this keeper
 
 

@@ -11,7 +11,7 @@ import sys
 from pathlib import Path
 
 from common.errors import InputError, writing
-from common.process.exit_codes import EXIT_CODES, UNREACHABLE
+from common.process.exit_codes import FINAL, UNREACHABLE
 from deploy.certificates import certify_actors
 from deploy.description import Program, RunDescription
 from deploy.engine_files import write_files
@@ -19,7 +19,7 @@ from deploy.engine_files import write_files
 _HERE = Path(__file__).parent
 _NOTICE = 90
 """Seconds before its time limit at which a job is asked to end; it is then queued again."""
-FINAL = [str(code.number) for code in EXIT_CODES if not code.again] + [str(UNREACHABLE)]
+FINAL_HERE = [str(number) for number in sorted({*FINAL, UNREACHABLE})]
 """Exit codes after which an actor is not restarted; they include that of an actor whose learner was
 away for too long."""
 
@@ -122,7 +122,7 @@ def _head(run: RunDescription, program: Program, *directives: str) -> str:
         "resume": program.resume,
         "others": others,
         "jobs": [_job(run, each) for each in others],
-        "final": FINAL,
+        "final": FINAL_HERE,
     }
     return "\n".join(
         [

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from functools import partial
 
 from common.metrics import Values
-from common.protocol.run_keys import RunKeys
+from common.protocol.run_keys import RunKeys, replay_of
 from common.run.epochs import EpochTable
 from common.run.folder import RunFolder
 from common.run.stored_config import flat
@@ -175,7 +175,7 @@ def _sinks(
         *more,
     ]
     if options.track is not None:
-        tracked = TrackedRun(folder.name, keys.run_id, settings)
+        tracked = TrackedRun(folder.name, replay_of(keys.run_id), settings)
         sinks.append(TrackerSink(options.track, tracked))
     if options.films:
         # First in the list, so that it closes last films before the sinks that receive them close.

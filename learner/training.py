@@ -15,6 +15,7 @@ from common.checked import MAX_COUNT
 from common.errors import InputError
 from common.metrics import Value
 from common.process.supervisor import Supervisor
+from common.protocol.run_keys import replay_of
 from common.protocol.run_status import HealthCheck
 from common.protocol.weights import encode_weights
 from common.registry import SAMPLERS
@@ -167,7 +168,7 @@ class Learner:
     def restore(self, state: dict[str, Any]) -> None:
         """Continues from the counters of a checkpoint, whose algorithm is already restored. Raises
         InputError if it counts the steps of another replay."""
-        replay = self._identity_of_the_replay
+        replay = replay_of(self.replay.run_id)
         if state.get("replay", replay) != replay:  # older ones lack it
             raise InputError(
                 "the replay is not the one whose steps the checkpoint counts: "
@@ -215,7 +216,7 @@ class Learner:
         self.checkpoint.save(
             {
                 **self.phases.state(),
-                "replay": self._identity_of_the_replay,
+                "replay": replay_of(self.replay.run_id),
                 "rows": len(self.telemetry.rows),
                 "seconds": self.clock.seconds(),
                 "tests": self.evaluation.state(),
@@ -273,12 +274,6 @@ class Learner:
                 f"{self._instead_of_the_replay}."
             )
         return told
-
-    @property
-    def _identity_of_the_replay(self) -> str:
-        """That of its ring alone: the run's settings, of which its id has a hash, may have new
-        fields after an update of the software."""
-        return self.replay.run_id.partition("-")[0]
 
     @property
     def _instead_of_the_replay(self) -> str:

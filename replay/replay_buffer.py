@@ -5,7 +5,6 @@ minibatches and held-out states are chosen; their frames are gathered while othe
 insert (see `Ring.read`).
 """
 
-import hashlib
 import logging
 import threading
 from collections.abc import Callable
@@ -21,6 +20,7 @@ from common.errors import MessageError
 from common.process.footprint import footprint
 from common.protocol.ack import Ack
 from common.protocol.chunk import Chunk
+from common.protocol.run_keys import run_id_of
 from common.run.config import RunConfig
 from common.run.stored_config import to_json
 from replay.batch import Batch, SharedBatch
@@ -59,8 +59,7 @@ class ReplayBuffer:
         self._turns = Turns(config.stream.chunk_steps, config.stream.window)
         self._state = threading.Condition()
         self._store = Store(config, folder, self._state)
-        settings = hashlib.sha256(to_json(config).encode()).hexdigest()
-        self.run_id = f"{self._store.uuid}-{settings[:16]}"
+        self.run_id = run_id_of(self._store.uuid, to_json(config))
         """See `common.protocol.announcement.Announcement`."""
         # A different sequence after each start, or a resumed run would repeat the same draws.
         self._rng = np.random.default_rng([config.seed, self._store.index.accepted])

@@ -1,10 +1,10 @@
 """Shows an actor's play to those who ask; it costs nothing while nobody does."""
 
+import threading
 import time
-from collections import deque
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -21,6 +21,7 @@ from common.protocol.actor_stats import Role
 from common.protocol.live_view import (
     MAX_PICTURE_BYTES,
     MAX_SIDE,
+    VIEW_SECONDS,
     LiveView,
     Viewpoint,
     ViewRequest,
@@ -35,6 +36,13 @@ _REST = 9.0
 takes at most a tenth of an actor's time."""
 _ROOM = (480, 360)
 """Width and height of the robot from outside."""
+
+
+class _Waiting(NamedTuple):
+    request: Request
+    asked: ViewRequest
+    until: float
+    """Monotonic seconds at which nobody awaits the answer any more."""
 
 
 class LiveViews:
@@ -52,36 +60,39 @@ class LiveViews:
         self._member = member
         self._failed = False
         """Whether an environment failed to give its picture."""
-        self._waiting: deque[tuple[Request, ViewRequest]] = deque()
+        self._lock = threading.Lock()
+        self._waiting: list[_Waiting] = []
         self._next = 0.0
         """Monotonic seconds at which the next picture may be made."""
         member.transport.serve(member.keys.view(role, member.name), self._take)
-
-    @property
-    def asked(self) -> bool:
-        """Whether somebody waits for a view."""
-        return bool(self._waiting)
 
     def show(self, step: Step) -> None:
         """Answers one request for the environment of ``step``, which was just played."""
         if not self._waiting or (began := time.monotonic()) < self._next:
             return
-        for _ in range(len(self._waiting)):
-            request, asked = self._waiting.popleft()
-            if asked.stream == step.stream:
-                request.reply(self._view(step, asked.viewpoint).encode())
-                ended = time.monotonic()
-                self._next = ended + max(_PERIOD, _REST * (ended - began))
+        with self._lock:
+            self._drop_what_nobody_awaits()
+            of_step = [each for each in self._waiting if each.asked.stream == step.stream]
+            if not of_step:
                 return
-            self._waiting.append((request, asked))
+            self._waiting.remove(of_step[0])
+        of_step[0].request.reply(self._view(step, of_step[0].asked.viewpoint).encode())
+        ended = time.monotonic()
+        self._next = ended + max(_PERIOD, _REST * (ended - began))
 
     def _take(self, request: Request) -> None:
         asked = ViewRequest.decode(request.payload)
         if asked.stream >= len(self._envs):
             raise MessageError(f"there are {len(self._envs)} environments here")
-        if len(self._waiting) >= _MAX_WAITING:
-            raise MessageError("too many are waiting")
-        self._waiting.append((request, asked))
+        with self._lock:
+            self._drop_what_nobody_awaits()
+            if len(self._waiting) >= _MAX_WAITING:
+                raise MessageError("too many are waiting")
+            self._waiting.append(_Waiting(request, asked, time.monotonic() + VIEW_SECONDS))
+
+    def _drop_what_nobody_awaits(self) -> None:
+        # An evaluator answers nobody between two tests.
+        self._waiting = [each for each in self._waiting if each.until > time.monotonic()]
 
     def _view(self, step: Step, viewpoint: Viewpoint) -> LiveView:
         env = self._envs[step.stream]

@@ -64,13 +64,12 @@ def _looks(env_name: str, looks: int) -> list[dict[str, object]]:
             sent = 0
             for _ in range(looks):
                 answer = requester.request(ViewRequest(0, viewpoint).encode())
-                while not views.asked:
-                    step = next(steps)
-                while views.asked:  # until its rest is over
+                took = 0.0
+                while not answer.done():  # until it has come, and the actor's rest is over
                     step = next(steps)
                     began = time.process_time()
                     views.show(step)
-                    took = time.process_time() - began
+                    took = max(took, time.process_time() - began)
                 spent.append(took)
                 sent = max(sent, len(answer.result().payload))
             rows.append(_row(env_name, viewpoint, statistics.median(spent), sent))

@@ -32,6 +32,9 @@ EXIT_CODES = (
 )
 """All exit codes. A process killed by signal N has 128 + N in a shell, and may be resumed."""
 
+FINAL = {code.number for code in EXIT_CODES if not code.again}
+"""Exit codes after which another start would be in vain."""
+
 
 def table() -> str:
     """Returns the exit codes as lines of a help text."""

@@ -14,12 +14,11 @@ from collections.abc import Callable, Collection
 from functools import partial
 
 from common.process.backoff import SETTLED, growing_pause
-from common.process.exit_codes import EXIT_CODES, NO_ROOM
+from common.process.exit_codes import FINAL, NO_ROOM
 from common.process.lifeline import heeded_signals, signal_pipe
 from common.process.log_lines import say_aside
 from common.process.program_end import exit_on_input_error
 
-_IN_VAIN = {code.number for code in EXIT_CODES if not code.again}
 _PR_SET_PDEATHSIG = 1
 _prctl = ctypes.CDLL(None).prctl
 
@@ -52,7 +51,7 @@ def with_restarts(name: str, work: Callable[[bool], int | None], most: int) -> i
         status, asked = _await(child, told_by, heeded)
         worked = time.monotonic() - began
         told = status if status >= 0 else 128 - status
-        if asked or status in _IN_VAIN or status > 128:
+        if asked or status in FINAL or status > 128:
             return told
         if worked > SETTLED:
             starts, restarts = 0, 0

@@ -23,6 +23,8 @@ MAX_SIDE = 640
 """Maximum width and height of a picture, pixels."""
 MAX_VIEW_BYTES = 4 * MAX_PICTURE_BYTES
 """Maximum size of a whole `LiveView`."""
+VIEW_SECONDS = 5.0
+"""Seconds that whoever asks waits for a view: between two slow ones, an actor plays on."""
 _START, _SCAN = 0xD8, 0xDA
 _FRAMES = {*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC}
 """Markers of segments that hold the picture's size."""

@@ -1,5 +1,6 @@
 """`RunKeys`: the key expressions by which the processes of a run communicate."""
 
+import hashlib
 import re
 from dataclasses import dataclass
 
@@ -20,6 +21,17 @@ def check_name(kind: str, name: str) -> str:
             "'.', '_' or '-', a letter or digit first."
         )
     return name
+
+
+def run_id_of(replay: str, settings: str) -> str:
+    """Returns the identity of the run with the ``replay``, a UUID, and ``settings`` as JSON."""
+    return f"{replay}-{hashlib.sha256(settings.encode()).hexdigest()[:16]}"
+
+
+def replay_of(run_id: str) -> str:
+    """Returns the part of a run's identity that stays when its settings get new fields, after an
+    update of the software."""
+    return run_id.partition("-")[0]
 
 
 def name_in(key: str) -> str:

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from common.registry import ROBOTS
+from common.registry import ENVIRONMENTS, ROBOTS
 from common.run.conditions import PlayConfig
 from common.run.config import RunConfig
 
@@ -12,9 +12,12 @@ _PRESS_FRAMES = 4
 
 
 def latest_play(config: RunConfig) -> PlayConfig:
-    """Returns the settings of play, with the longest latencies that may be drawn."""
+    """Returns the settings of play as they take effect, with the longest latencies that may be
+    drawn."""
+    arms = config.play.hand == "arm" and ENVIRONMENTS.find(config.env).robot
     return replace(
         config.play,
+        hand="arm" if arms else "model",  # the emulator alone always has the model
         press_latency=config.play.press_latency + config.randomise.press_latency,
         actuation_latency=config.play.actuation_latency + config.randomise.latency,
         actuation_jitter=config.play.actuation_jitter + config.randomise.jitter,

@@ -7,13 +7,11 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from typing import NamedTuple
 
 from common.errors import MessageError
-from common.protocol.live_view import LiveView, ViewRequest
+from common.protocol.live_view import VIEW_SECONDS, LiveView, ViewRequest
 from common.protocol.run_keys import RunKeys
 from common.schedule import Now
 from common.transport.interface import Transport
 
-_DEADLINE = 5.0
-"""Seconds to wait for an actor, which plays on for a while between two slow views."""
 _FRESH = 0.15
 """Seconds for which an answer serves everybody who asks; this bounds the actor's work."""
 _MAX_KEPT = 64
@@ -80,7 +78,7 @@ class LiveFeed:
         if self._closed:
             return None
         key = self._keys.view(asked.role, asked.name)
-        for answer in self._transport.gather(key, _DEADLINE, asked.request.encode()):
+        for answer in self._transport.gather(key, VIEW_SECONDS, asked.request.encode()):
             with contextlib.suppress(MessageError):
                 return LiveView.decode(answer.payload)
         return None

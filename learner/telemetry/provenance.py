@@ -10,6 +10,7 @@ import re
 import subprocess
 from collections.abc import Mapping
 from contextlib import suppress
+from functools import cache
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -18,8 +19,10 @@ from common.atomic_file import check_new_file
 from common.errors import InputError
 
 
-def provenance() -> dict[str, Any]:
-    """Returns versions, commit and machine of this process, under the keys of ``summary.json``.
+@cache
+def provenance() -> Mapping[str, Any]:
+    """Returns versions, commit and machine of this process, under the keys of ``summary.json``, as
+    they were at its first call.
 
     - ``git_commit``: commit of the checkout that this code runs from; None outside a checkout.
     - ``git_dirty``: whether tracked files differ from that commit.
@@ -27,7 +30,7 @@ def provenance() -> dict[str, Any]:
     - ``cores``: logical cores that this process may use.
     - ``gpus``: NVIDIA's GPUs, used or not.
 
-    Call it once, at the start: the checkout may change under a running learner.
+    Call it at the start, too: the checkout may change under a running program.
     """
     commit, dirty = git_state(Path(__file__))
     return {

@@ -17,7 +17,7 @@ import pytest
 from common.errors import InputError
 from common.process.exit_codes import EXIT_CODES, UNREACHABLE
 from deploy.hub_port import PORTS, free_port
-from deploy.slurm import FINAL
+from deploy.slurm import FINAL_HERE
 from tests.deploy.launched import launch
 from tests.paths import ROOT
 from tests.patience import PATIENCE, wait_until
@@ -209,7 +209,7 @@ class Job:
         self._script.write_text(
             f"run={folder}\npython={folder}/python\nscheme=tcp\nmodule={module} hub=replay\n"
             "begun=begun kept=kept\nactors=1\nbegin=(--begin)\nresume=(--resume)\n"
-            f"others=({others})\njobs=({jobs})\nfinal=({shlex.join(FINAL)})\n{body}"
+            f"others=({others})\njobs=({jobs})\nfinal=({shlex.join(FINAL_HERE)})\n{body}"
         )
         self.address.write_text("tcp/old:1\n")
 

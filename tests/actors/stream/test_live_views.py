@@ -24,7 +24,13 @@ from actors.stream.live_views import LiveViews
 from common.actions import KEYS_OF_ACTION
 from common.errors import MessageError
 from common.network import build_network
-from common.protocol.live_view import MAX_PICTURE_BYTES, LiveView, Viewpoint, ViewRequest
+from common.protocol.live_view import (
+    MAX_PICTURE_BYTES,
+    VIEW_SECONDS,
+    LiveView,
+    Viewpoint,
+    ViewRequest,
+)
 from common.protocol.run_keys import RunKeys
 from common.run.conditions import PlayConfig
 from common.run.presets import PRESETS
@@ -240,8 +246,8 @@ def test_whoever_watches_takes_a_tenth_of_the_time_at_most(
     for _ in stage.steps(stage.ask()):
         pass
     assert clock.now == 103.0
-    again = stage.ask()
     clock.now += 26.9
+    again = stage.ask()
     for _, _ in zip(stage.steps(again), range(100), strict=False):
         pass
     assert clock.now == 129.9
@@ -265,3 +271,21 @@ def test_a_picture_fits_whatever_it_shows() -> None:
     small = live_views._jpeg(noise)
     assert 0 < len(small) <= MAX_PICTURE_BYTES
     assert decoded(small).shape == (480, 640, 3)
+
+
+def test_whoever_no_longer_waits_keeps_nobody_from_looking(
+    hub: Transport, client: Transport, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clock = SimpleNamespace(now=100.0)
+    clock.monotonic = lambda: clock.now
+    monkeypatch.setattr(live_views, "time", clock)
+    stage = Stage(hub, client, NumberedEnv([GOES_ON]))
+    gone = [stage.ask() for _ in range(9)]
+    with pytest.raises(MessageError, match="too many"):
+        gone[-1].result(PATIENCE)
+    clock.now += VIEW_SECONDS
+    answer = stage.ask()  # while it does not play, such as between two tests
+    for _ in stage.steps(answer):
+        pass
+    assert LiveView.decode(answer.result().payload).streams == 1
+    assert not any(each.done() for each in gone[:-1])

@@ -4,7 +4,13 @@ import pytest
 import zenoh
 
 from common.errors import InputError
-from common.protocol.run_keys import RunKeys, check_name, name_in
+from common.protocol.run_keys import RunKeys, check_name, name_in, replay_of, run_id_of
+
+
+def test_a_run_with_other_settings_is_another_with_the_same_replay() -> None:
+    before, after = (run_id_of("0f" * 16, settings) for settings in ("{}", '{"new": 0}'))
+    assert before != after
+    assert replay_of(before) == replay_of(after) == "0f" * 16
 
 
 @pytest.mark.parametrize("name", ["a", "7", "robot-pong.2_b", "A" * 64])

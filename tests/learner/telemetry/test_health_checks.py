@@ -9,7 +9,7 @@ from common.metrics import METRICS, Bound, Metric, Value, declare
 from common.press_latency import KeyLatency, ms_of
 from common.protocol.run_status import HealthCheck
 from common.run.conditions import PlayConfig
-from common.run.hands import keys_can_follow
+from common.run.hands import keys_can_follow, latest_play
 from common.run.presets import PRESETS
 from common.run.ranges import RandomiseConfig
 from learner.telemetry.health_checks import judge, reasons
@@ -218,6 +218,13 @@ def test_keys_that_come_late_on_purpose_are_shown_but_not_judged() -> None:
 )
 def test_where_keys_can_follow_within_their_agent_step(play: PlayConfig, can: bool) -> None:
     assert keys_can_follow(play) is can
+
+
+def test_the_emulator_alone_has_modelled_hands() -> None:
+    slow = PlayConfig(press_latency=8)  # twice an agent step
+    ale, robot = (replace(PRESETS[name], play=slow) for name in ("fast", "robot"))
+    assert not keys_can_follow(latest_play(ale))
+    assert keys_can_follow(latest_play(robot))  # whose arms do not have that latency
 
 
 def test_a_figure_from_outside_is_judged_by_its_bound() -> None:
