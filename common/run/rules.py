@@ -9,12 +9,19 @@ from common.proprioception import MAX_VECTOR
 from common.protocol.step_fields import FRAME_BYTES, drawn_fields
 from common.protocol.wire import MAX_MESSAGE_BYTES
 from common.registry import ENVIRONMENTS, foreign
-from common.run.conditions import DEFAULT_PLAY, FRAMES_PER_SECOND, LatencyModelSettings
+from common.run.conditions import FRAMES_PER_SECOND, LatencyModelSettings
 from common.run.config import RunConfig
 from common.run.own_settings import ROBOT, check_own_settings, own_settings
 from common.run.ranges import check_ranges, ignored_in
 from common.run.stored_config import from_mapping
 
+_NEEDED = {
+    "play.vector_commands": "play.vector",
+    "play.vector_key_frames": "play.vector",
+    "play.equal_gap": "play.equal_latency",
+    "play.hands_model": "play.equal_latency",
+}
+"""Settings that mean nothing without another one, which is given beside each."""
 _PLACE_BYTES = 4
 """Size in a message of a frame's place in a state."""
 _TRANSITION_BYTES = 32
@@ -55,7 +62,8 @@ def check_robot(before: RunConfig, config: RunConfig) -> None:
 
 
 def check_ignored(config: RunConfig) -> None:
-    """Refuses settings that have no effect in the environment, unless they have their defaults."""
+    """Refuses settings that have no effect in the environment, or without another setting, unless
+    they have their defaults."""
     defaults = RunConfig()
     for name in ignored_in(config.env):
         value, usual = map(attrgetter(name), (config, defaults))
@@ -64,6 +72,14 @@ def check_ignored(config: RunConfig) -> None:
             raise InputError(
                 f"{name} is {value}, which means nothing in --env {config.env}: leave it at "
                 f"{shown}."
+            )
+    for name, needed in _NEEDED.items():
+        value, usual = map(attrgetter(name), (config, defaults))
+        if value != usual and not attrgetter(needed)(config):
+            shown = path_of(value) if isinstance(value, str) else value
+            raise InputError(
+                f"{name} is {shown}, which means nothing without {needed}: give that too, or "
+                f"leave it at {usual!r}."
             )
 
 
@@ -74,13 +90,6 @@ def _check_hands(config: RunConfig) -> None:
             f"play.robot is {path_of(play.robot)}, which models the hands by itself: leave "
             "play.hand at 'arm' and play.press_latency at 0."
         )
-    for name, shown in (("equal_gap", play.equal_gap), ("hands_model", path_of(play.hands_model))):
-        usual = getattr(DEFAULT_PLAY, name)
-        if getattr(play, name) != usual and not play.equal_latency:
-            raise InputError(
-                f"play.{name} is {shown}, which means nothing without play.equal_latency: give "
-                f"that too, or leave it at {usual!r}."
-            )
     if play.hands_model:
         _check_modelled(config)
 

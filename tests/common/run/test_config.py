@@ -119,8 +119,6 @@ def test_a_mean_over_squares_must_forget() -> None:
         ("camera.ambient", 0.9, 1.0),
         ("learning.random_shift", 20, 21),
         ("play.actuation_latency", 36, 37),
-        ("play.vector_commands", 60, 61),
-        ("play.vector_key_frames", 240, 241),
         ("play.actuation_jitter", 36, 37),
         ("play.arm_speed", 1.1, 1.2),
         ("play.key_threshold", 1.4, 1.5),

@@ -28,6 +28,17 @@ def test_a_vector_fits_into_a_chunk() -> None:
     check_config(widest)
     with pytest.raises(InputError, match=r"^the vector observation has 1396 numbers: lower"):
         check_config(changed("play.vector_commands", 60, widest))
+    for field, beyond in (("play.vector_commands", 61), ("play.vector_key_frames", 241)):
+        with pytest.raises(InputError, match=f"^{field} is {beyond}: choose at most"):
+            check_config(changed(field, beyond, widest))
+
+
+@pytest.mark.parametrize("field", ["vector_commands", "vector_key_frames"])
+def test_the_parts_of_a_vector_mean_nothing_without_it(field: str) -> None:
+    config = changed(f"play.{field}", 20)
+    with pytest.raises(InputError, match=rf"^play.{field} is 20, which means .* play.vector: give"):
+        check_config(config)
+    check_config(changed("play.vector", True, config))
 
 
 @pytest.mark.parametrize("drawn", [{}, {"before": Column(84, 84, drawn=True)}])
