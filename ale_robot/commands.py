@@ -66,9 +66,9 @@ Train a robot on this machine until Ctrl-C.
   --run NAME           name of the run and of its folder in runs/
   --env robot|ale      camera and hands (default), or the emulator alone
   --game GAME          pong (default), breakout, …; list: ale-robot --help-all
-  --preset NAME        settings: robot (default), frugal, fast or paper
+  --preset NAME        robot or frugal; fast (usual without a robot) or paper
   --actors N           number of robots that play at the same time (default 1)
-  --steps N            agent steps at which to end; 400,000 take 20 to 90 min
+  --steps N            agent steps at which to end; 400,000 take 14 to 90 min
   --initial NAME|FILE  network to start from, with its layers
   --demonstrations FOLDER   recorded games with which the replay starts
   --play.vector        commands, keys and joints as input, beside the frames

@@ -158,10 +158,16 @@ class Registry(Generic[T]):
         self._entries[entry.name] = entry
 
     def find(self, name: str) -> T:
-        """Returns the entry called ``name``. Raises InputError if there is none, or if the package
-        that has it cannot be loaded."""
+        """Returns the entry called ``name``. Raises InputError if there is none, or if several
+        packages have one, or if the package that has it cannot be loaded."""
         if name not in self._entries:
-            for point in entry_points(group=self._group, name=name):
+            points = {each.value: each for each in entry_points(group=self._group, name=name)}
+            if len(points) > 1:
+                raise InputError(
+                    f"several installed packages have the {self._noun} {name!r} "
+                    f"({', '.join(sorted(points))}): uninstall all but one."
+                )
+            for point in points.values():
                 self.add(self._load(point))
         key = name if name in self._entries else f"FILE{path_of(name).suffix}"
         if key not in self._entries:

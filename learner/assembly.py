@@ -126,6 +126,7 @@ def build_learner(
             now=clock.now,
         ),
         clock=clock,
+        join=join_command(options),
         stop=stop,
     )
     rows, resumed_at = 0, None
@@ -150,7 +151,7 @@ def _constants(
         "run/initial": folder.initial.exists(),
         "run/demonstrations": 0 if begun is None else begun.steps,
         "run/steps_goal": options.steps,
-        "run/join": join_command(options),
+        "run/join": None if options.local else join_command(options),
         "run/page": page,
     }
 

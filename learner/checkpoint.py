@@ -73,8 +73,9 @@ class Checkpoint:
                 tensors, state = _read(self.previous)
             except _DAMAGE:
                 raise InputError(
-                    f"the checkpoint {self.path} is damaged or missing ({error}), and there is "
-                    "none before it: start a new run under another name."
+                    f"the checkpoint {self.path} is damaged or missing ({error}), and so is "
+                    f"{self.previous.name}, the one before: put one back from a backup, or begin "
+                    "another run."
                 ) from None
             if self.path.exists():
                 self.path.replace(self.damaged)

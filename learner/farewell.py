@@ -30,6 +30,8 @@ class Farewell:
     look: Callable[[], None]
     """Takes in what happened in other processes."""
     say: Callable[[str], None]
+    join: str
+    """Command that starts a process of the run, without its role."""
     now: Now
     stop: threading.Event
 
@@ -44,8 +46,8 @@ class Farewell:
         if self.evaluation.pending and not self._evaluator_expected() and self.children is None:
             # Local mode without evaluators was asked for.
             self.say(
-                "There is no evaluator, so epochs stay untested: "
-                "start `python -m actors --evaluator` beside the learner next time."
+                "There is no evaluator, so epochs stay untested: start one before the learner next "
+                f"time, by `{self.join} --evaluator --patience inf`."
             )
         self._look_while(
             lambda: self.evaluation.pending and self._evaluator_expected(),

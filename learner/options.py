@@ -135,10 +135,10 @@ class LearnerOptions(RunOptions):
             raise InputError(f"{flag} is for --local: give it to each `python -m actors`.")
         self._refuse_ignored()
         if self.steps is not None and self.steps <= self.config.replay.learning_starts:
+            lower = "" if self.resume else ", or lower --replay.learning-starts"
             raise InputError(
                 f"--steps is {self.steps}, no more than the warm-up of "
-                f"{self.config.replay.learning_starts}: choose more, or lower "
-                "--replay.learning-starts."
+                f"{self.config.replay.learning_starts}: choose more{lower}."
             )
         steps = self.config.learning.curriculum_steps
         if steps and self.config.randomise == NOTHING_DRAWN:
@@ -290,10 +290,8 @@ def clock_figures(options: LearnerOptions) -> dict[str, Value]:
     return {f"run/{name}": value for name, value in vars(options.clock).items() if options.local}
 
 
-def join_command(options: LearnerOptions) -> str | None:
-    """Returns the command that starts an actor of this run; None in local mode."""
-    if options.local:
-        return None
+def join_command(options: LearnerOptions) -> str:
+    """Returns the command that starts an actor of this run on this machine."""
     address = from_here(options.connect or options.listen)
     words = ["ale-robot", "join"]
     if address != DEFAULT_ENDPOINT:
@@ -330,6 +328,7 @@ def resume_flags(arguments: Sequence[str], run: str, *, done: bool) -> list[str]
     flags = {argument.partition("=")[0] for argument in told}
     more = [] if "--run" in flags else ["--run", run]
     more += [] if "--resume" in flags else ["--resume"]
+    more += ["--steps", "None"] if done and "--config" in flags else []  # the file may have them
     return [*told, *more]
 
 

@@ -171,14 +171,11 @@ class Phases:
             meancost=0.0,
         )
 
-    def values(self, *, finishing: bool) -> dict[str, Value]:
-        """Returns how far the run is, and what its recent games and chunks were like.
-
-        Args:
-            finishing: whether only tests are left. If the run ends between two phases, the values
-                are those of the last epoch, complete.
-        """
-        ended = finishing and not self.phase_steps
+    def values(self) -> dict[str, Value]:
+        """Returns how far the run is, and what its recent games and chunks were like. If it has all
+        its steps, and they end between two phases, the phase is the last epoch, complete."""
+        has_its_steps = self._steps_goal is not None and self.agent_steps >= self._steps_goal
+        ended = has_its_steps and not self.phase_steps
         steps_now, left = self.phase_steps, self.steps_left
         if ended:
             steps_now, left = self._last_steps or self.phase_length, 0

@@ -164,12 +164,12 @@ def _first_words(
 ) -> str:
     """Returns the sentence that says what is trained and where, with the ``disk`` bytes that its
     replay takes."""
-    config, join = options.config, join_command(options)
+    config, join = options.config, "" if options.local else f" ({join_command(options)})"
     return (
         f"run {folder.name} in {folder.path}: {config.played}, preset {config.preset}, "
         f"{config.learning.algorithm}, on {device.name}; its replay takes "
         f"{disk / 1e9:.2f} GB of disk; actors find it at {endpoint}"
-        f"{f' ({join})' if join else ''}."
+        f"{join}."
     )
 
 

@@ -10,6 +10,7 @@ each game of an evaluation of exactly these weights.
 import hashlib
 import json
 import sys
+import tempfile
 import threading
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,7 +22,7 @@ import tyro
 from common.atomic_file import write_atomically, write_json
 from common.checked import FromOne
 from common.crc32 import crc32
-from common.errors import InputError, MessageError
+from common.errors import InputError, MessageError, writing
 from common.network import QNetwork, build_network, count_actions_of
 from common.process.command_line import parse
 from common.process.exit_codes import INTERRUPTED
@@ -58,39 +59,51 @@ class Options:
     """Path of both files, without suffix."""
     last: bool = False
     """Publish the last weights instead of those of the best test."""
+    replace: bool = False
+    """Replace the policy that is there."""
     games: FromOne = GAMES
     """Number of games in each evaluation of --headline."""
 
 
 def publish(options: Options, stop: threading.Event) -> dict[str, Any]:
-    """Writes both files; returns the card.
+    """Writes both files, once the evaluation is over; returns the card.
 
     Args:
         stop: ends the evaluation early once it is set.
 
     Raises:
-        InputError: the run lacks the weights or what the card needs, the output has no name, or
-            the evaluation was stopped.
+        InputError: the run lacks the weights or what the card needs, the output has no name or is
+            there already, or the evaluation was stopped.
     """
     if options.output.name in ("", ".."):
         raise InputError(f"{options.output} names no file: give -o a name, such as policies/NAME.")
     folder = RunFolder.existing(options.run)
     if options.output.resolve().is_relative_to(folder.path.resolve()):
         raise InputError(f"{options.output} is inside of the run: name a file outside.")
+    weights, told = (
+        options.output.with_name(f"{options.output.name}.{suffix}")
+        for suffix in ("safetensors", "json")
+    )
+    for file in (weights, told):
+        if file.exists() and not options.replace:
+            raise InputError(f"{file} is there already: add --replace, or name another.")
     config, network, card = _trained(options, folder)
-    options.output.parent.mkdir(parents=True, exist_ok=True)
-    weights = options.output.with_name(f"{options.output.name}.safetensors")
     published = encode_weights(network, config, torch.float16)
     card["sha256"] = hashlib.sha256(published).hexdigest()
-    write_atomically(weights, published)
-    _write(options.output, card)
     asked = EvaluationOptions(headline=True, games=options.games)
-    scores = evaluate(weights, asked, config.for_play, ClockConfig(), stop)
-    if scores is None:
-        told = "the evaluation was stopped, so the card has no scores: publish again."
-        raise InputError(told, INTERRUPTED)
-    card["evaluation"] = scores | {"weights": weights.stem}  # without the path on this machine
-    _write(options.output, card)
+    with writing(options.output):
+        options.output.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(dir=options.output.parent, prefix="publish.") as place:
+            evaluated = Path(place, weights.name)
+            evaluated.write_bytes(published)
+            scores = evaluate(evaluated, asked, config.for_play, ClockConfig(), stop)
+        if scores is None:
+            raise InputError(
+                "the evaluation was stopped, so nothing is published: publish again.", INTERRUPTED
+            )
+        card["evaluation"] = scores | {"weights": weights.stem}  # without the path on this machine
+        write_atomically(weights, published)
+        write_json(told, card)
     return card
 
 
@@ -101,6 +114,11 @@ def _trained(options: Options, folder: RunFolder) -> tuple[RunConfig, QNetwork, 
     assert config is not None  # or it would not be a run
     snapshots = Snapshots(folder.snapshots)
     source = folder.checkpoint if options.last else snapshots.best
+    if not options.last and not source.exists() and folder.checkpoint.exists():
+        raise InputError(
+            f"no test of {folder.path} has ended, so none of its networks is the best: publish the "
+            "last one by --last, or train on with an evaluator."
+        )
     for file in (source, *([] if options.last else [snapshots.best_card]), folder.summary):
         if not file.is_file():
             raise InputError(f"{file} does not exist: continue the run until it does.")
@@ -137,10 +155,6 @@ def _read(file: Path) -> dict[str, Any]:
     if not isinstance(found, dict):
         raise InputError(f"{file} is damaged: {_WRITTEN_ANEW}.")
     return found
-
-
-def _write(output: Path, card: dict[str, Any]) -> None:
-    write_json(output.with_name(f"{output.name}.json"), card)
 
 
 def main() -> None:

@@ -12,6 +12,7 @@ from rich import box
 from rich.console import Console
 from rich.table import Column, Table
 
+from common.errors import InputError
 from common.process.command_line import parse
 from common.process.program_end import exit_on_input_error
 from common.run.folder import RUNS, RunFolder
@@ -39,11 +40,22 @@ class RunsOptions:
     json: bool = False
     """JSON, with all figures, instead of a table."""
 
+    def check(self) -> None:
+        """Raises InputError for a folder that is not there, or is that of one run."""
+        if (run := RunFolder.named(self.runs)) is not None:
+            raise InputError(
+                f"{self.runs} is a run: `ale-robot status {self.runs}` tells of it; omit it for a "
+                f"list of those in {run.path.parent}."
+            )
+        if self.runs != RUNS and not self.runs.is_dir():
+            raise InputError(f"there is no folder {self.runs}: name one that holds runs.")
+
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Prints the list."""
     given = sys.argv[1:] if arguments is None else arguments
     options = parse(RunsOptions, "learner.runs", given)
+    options.check()
     runs = RunFolder.all_in(options.runs)
     if options.json:
         print(dumps([_told(run) for run in runs]))

@@ -1,6 +1,5 @@
 """`python -m viewer film`: a film of one network's play, or of how a run learned."""
 
-import sys
 import threading
 from collections.abc import Iterable
 from contextlib import closing
@@ -108,7 +107,6 @@ class Film(Played):
             **{field.name: getattr(self, field.name) for field in fields(Played)},
             weights=self.network,
             epsilon=self.epsilon,
-            games=sys.maxsize if self.seconds else 1,  # a short game would end a film of seconds
             seconds=self.seconds,
             video=self.video or Path("film.mp4"),
             nao_urdf=self.nao_urdf,

@@ -40,7 +40,7 @@ class Play(Played):
     games: FromOne = 1
     """Number of whole games."""
     seconds: Amount = 0.0
-    """Seconds of play, for a short film; 0 plays whole games."""
+    """Seconds of play, in as many games as that takes; 0 plays the whole --games."""
     video: File = None
     """Film of the panels; its name ends in .mp4, or in .gif with --seconds. An existing film is
     replaced once the new one is whole."""
@@ -105,7 +105,7 @@ class Play(Played):
                 played += step.info.elapsed
                 seconds = played / env.rate
                 progress.update(seconds, note=f"{seconds:.0f} s of play")
-                ended = len(scores) == self.games or 0 < self.seconds <= seconds
+                ended = seconds >= self.seconds if self.seconds else len(scores) == self.games
                 if ended or stop.is_set():
                     if not scores:
                         print(

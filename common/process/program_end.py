@@ -42,10 +42,11 @@ def exit_on_input_error(main: Callable[[], int | None]) -> None:
             sys.exit(128 + signal.SIGPIPE)
         what = f"{error.filename or 'the system'}: {error.strerror or error}: fix that"
         if error.errno in (errno.ENOSPC, errno.EDQUOT):
-            what = "the disk is full: free some space"
+            of = "" if error.filename is None else f" of {error.filename}"
+            what = f"the disk{of} is full: free some space"
         elif error.errno == errno.EFBIG:
             what = "a file would exceed the limit of its size (ulimit -f): raise the limit"
-        told = "then run the command again; --resume continues a run from its last checkpoint."
+        told = "then run the command again, that of a run with --resume."
         say_aside(f"error: {what}, {told}", "error")
         if error.errno in NO_ROOM_ERRORS:
             status = NO_ROOM

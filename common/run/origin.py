@@ -32,7 +32,8 @@ def find_weights(name: str | Path) -> Path:
     """
     path = Path(name)
     if (run := run_meant_by(path)) is not None:
-        path = run.checkpoint
+        lost = not run.checkpoint.exists() and run.previous.is_file()
+        path = run.previous if lost else run.checkpoint
     elif (file := _in_full(path)) is not None:
         path = file
     if not path.is_file():
@@ -123,6 +124,9 @@ def _metadata(weights: Path) -> dict[str, str]:
 
 def not_a_network(file: Path, error: Exception) -> InputError:
     """Returns the error that says that ``file`` is not a network's."""
+    run = run_of(file)
+    if run is not None and file.name == run.checkpoint.name and run.previous.is_file():
+        return InputError(f"{file} is damaged ({error}): name {run.previous}, the one before.")
     return InputError(f"{file} holds no network ({error}): name a .safetensors file.")
 
 

@@ -194,7 +194,10 @@ def draw_random(axes: Axes, rewards: Sequence[float]) -> None:
     low, high, mean = min(rewards), max(rewards), sum(rewards) / len(rewards)
     if high > low:
         axes.axhspan(low, high, color=RANDOM, alpha=0.15, linewidth=0)
-    names = dict.fromkeys(minus_signed(f"{reward:.1f}") for reward in (low, high))
+    # Games may score from -1 to 1, or thousands of points.
+    names = dict.fromkeys(
+        minus_signed(f"{reward:.{2 if abs(reward) < 10 else 1}f}") for reward in (low, high)
+    )
     name = f"random policy, {' to '.join(names)}"
     axes.axhline(mean, color=RANDOM, linewidth=1.3, label=name, zorder=2)
 

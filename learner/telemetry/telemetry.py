@@ -179,7 +179,7 @@ class Telemetry(AbstractContextManager["Telemetry"]):
             of_run,
             self.constants,
             replay.values(),
-            self.phases.values(finishing=loop["run/phase"] == "finishing"),
+            self.phases.values(),
             self._means.values(),
             self.held_out.values(),
             totals,

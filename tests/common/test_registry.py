@@ -3,6 +3,7 @@
 import subprocess
 import sys
 from dataclasses import replace
+from importlib.metadata import EntryPoint
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -91,6 +92,14 @@ def test_an_entry_called_file_stands_for_every_file_with_its_suffix() -> None:
     for name in ("npz", "hand.npy", "hand", ""):
         with pytest.raises(InputError, match=r"no robot '.*': (choose one of|did you mean)"):
             registry.find(name)
+
+
+def test_an_entry_that_several_packages_have_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    points = [EntryPoint("toy", value, "ale_robot.robots") for value in ("b:TOY", "a:TOY", "a:TOY")]
+    monkeypatch.setattr("common.registry.entry_points", lambda **_: points)
+    told = r"^several installed packages have the robot 'toy' \(a:TOY, b:TOY\): uninstall all but"
+    with pytest.raises(InputError, match=told):
+        Registry[RobotKind]("robot").find("toy")
 
 
 def test_an_entry_is_added_made_and_replaced() -> None:

@@ -156,7 +156,7 @@ def test_a_run_is_learned_stopped_and_continued(tmp_path: Path) -> None:
     again.folder.checkpoint.unlink()
     again.folder.previous.unlink()
     with (
-        pytest.raises(InputError, match=r"is damaged or missing .* there is none before it"),
+        pytest.raises(InputError, match=r"is damaged or missing .* and so is .*, the one before"),
         place(tmp_path, actor, resume=True, steps_goal=None),
     ):
         pass

@@ -159,7 +159,7 @@ def test_the_one_before_takes_the_place_of_one_that_is_damaged_or_missing(
     checkpoint.path.unlink()
     assert checkpoint.load(said.append) == {"updates": 1}
     checkpoint.path.unlink()
-    with pytest.raises(InputError, match="and there is none before it"):
+    with pytest.raises(InputError, match=r"and so is .*, the one before: put one back"):
         checkpoint.load(said.append)
 
 

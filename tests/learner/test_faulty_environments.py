@@ -51,7 +51,7 @@ def test_one_faulty_robot_of_eight_is_named_by_a_check_that_ends_no_run(share: s
     names = [f"actor-{number}" for number in range(8)]
     for index, name in enumerate(islice(cycle(names), 8 * 16)):
         phases.count(chunk(index, name, **({share: 4} if name == "actor-3" else {})))
-    checks = {check.name: check for check in judge(phases.values(finishing=False), config)}
+    checks = {check.name: check for check in judge(phases.values(), config)}
     # Its steps do not show in the mean of all, which is what the other checks judge.
     assert checks["keys as commanded"].passed
     assert "following frames" not in checks
@@ -95,7 +95,7 @@ def test_hands_that_cannot_follow_in_time_are_not_judged() -> None:
         phases = Phases(config, RunClock(lambda: 0.0))
         for index in range(16):
             phases.count(chunk(index, "a", matched=0))
-        assert phases.values(finishing=False)["play/faulty_environments"] == count
+        assert phases.values()["play/faulty_environments"] == count
 
 
 def test_an_actor_that_sends_nothing_any_more_is_forgotten() -> None:

@@ -419,6 +419,8 @@ def test_a_run_is_refused_at_once_if_it_has_a_replay_and_no_checkpoint(tmp_path:
         ("--run r --initial a.safetensors --force", False, "--run r --resume"),
         ("--initial=a.safetensors --connect tcp/h:1", False, "--connect tcp/h:1 --run r --resume"),
         ("--local --no-local --run r", False, "--no-local --run r --resume"),
+        ("--config a.toml --run r", True, "--config a.toml --run r --resume --steps None"),
+        ("--config a.toml --run r --steps 9", False, "--config a.toml --run r --steps 9 --resume"),
         ("--run r --learner 'a b'", False, "--run r --learner 'a b' --resume"),
     ],
 )
@@ -555,11 +557,10 @@ def test_a_network_that_does_not_fit_says_what_it_is_for(
             ("--connect", "tls/h:1", "--certificates", "learners"),
             "ale-robot join --connect tls/h:1 --certificates FOLDER",
         ),
-        (("--local",), None),
     ],
 )
 def test_the_command_that_starts_an_actor_is_told(
-    flags: tuple[str, ...], command: str | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    flags: tuple[str, ...], command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
     for folder, file in (("a b", "actor.tester.pem"), ("learners", "learner.pem")):

@@ -75,7 +75,7 @@ def test_warm_up_then_epochs() -> None:
     )
     assert counted.games == 9  # those of the warm-up do not count as training
     counted.updates = 90
-    values = counted.values(finishing=False)
+    values = counted.values()
     assert values["learning/updates"] == 90
     assert values["stream/samples_per_insert"] == 6.4  # 90 minibatches of 32, by 450 steps
     assert values["play/train_reward"] == pytest.approx(sum(range(2, 11)) / 9)
@@ -100,9 +100,9 @@ def test_shares_are_over_the_newest_chunks_and_the_reward_over_the_newest_games(
     counted = phases()
     count(counted, _chunks(20, valid=0))
     count(counted, _chunks(60, first=20))
-    assert counted.values(finishing=False)["play/valid_frame_share"] == 0.75
+    assert counted.values()["play/valid_frame_share"] == 0.75
     count(counted, _chunks(20, first=80))
-    values = counted.values(finishing=False)
+    values = counted.values()
     assert values["play/valid_frame_share"] == 1.0
     assert values["play/train_reward"] == 74.5  # of 50 to 99
 
@@ -136,15 +136,15 @@ def test_an_end_that_is_asked_for_starts_the_next_phase() -> None:
 
 
 def test_at_the_very_end_the_last_epoch_is_told_whole() -> None:
-    counted = phases()
-    count(counted, _chunks(6))
     shown = ("run/epoch", "run/phase_steps", "run/phase_length")
-    for finishing, expected in ((False, [2, 0, 200]), (True, [1, 200, 200])):
-        values = counted.values(finishing=finishing)
+    for goal, expected in ((None, [2, 0, 200]), (301, [2, 0, 1]), (300, [1, 200, 200])):
+        counted = Phases(CONFIG, RunClock(lambda: 0.0), goal)
+        count(counted, _chunks(6))
+        values = counted.values()
         assert [values[key] for key in shown] == expected
     count(counted, _chunks(1, first=6))  # a few more, which are no epoch of their own
-    values = counted.values(finishing=True)
-    assert [values[key] for key in shown] == [2, 50, 200]
+    values = counted.values()
+    assert [values[key] for key in shown] == [2, 50, 50]
 
 
 def test_a_run_that_ends_within_an_epoch_tells_how_much_of_it_there_will_be() -> None:
@@ -155,12 +155,12 @@ def test_a_run_that_ends_within_an_epoch_tells_how_much_of_it_there_will_be() ->
     for chunk in _chunks(9):  # the warm-up of 100 steps, an epoch of 200, and one of 150
         if counted.count(chunk):
             ended(counted)
-        values = counted.values(finishing=False)
+        values = counted.values()
         left.append((*(values[key] for key in shown), counted.steps_left))
     assert left[:3] == [(50, 100, 50), (0, 200, 200), (50, 200, 150)]
     assert left[5:] == [(0, 150, 150), (50, 150, 100), (100, 150, 50), (150, 150, 0)]
     ended(counted)
-    values = counted.values(finishing=True)
+    values = counted.values()
     assert [values[key] for key in shown] == [150, 150]
 
 
@@ -189,7 +189,7 @@ def test_the_warm_up_has_no_training_steps_even_if_it_is_longer_than_asked() -> 
     counted = phases()
     (row,) = count(counted, _chunks(2, steps=60))
     assert (row.steps, row.total_train_steps, counted.train_steps) == (120, 0, 20)
-    assert phases().values(finishing=False)["stream/samples_per_insert"] is None
+    assert phases().values()["stream/samples_per_insert"] is None
 
 
 @pytest.mark.parametrize(("epsilon", "phase"), [(1.0, "random"), (0.99, "train")])

@@ -135,6 +135,29 @@ def test_a_run_goes_by_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
         publish(Options(run=Path("begun"), output=tmp_path / "policy"), threading.Event())
 
 
+def test_a_run_whose_tests_nobody_plays_is_published_by_its_last_network(tmp_path: Path) -> None:
+    run, output = _run(tmp_path / "small"), tmp_path / "policy"
+    (run / "snapshots/best.safetensors").rename(run / "checkpoint.safetensors")
+    with pytest.raises(InputError, match=r"has ended, so none .* the last one by --last, or"):
+        publish(Options(run, output), threading.Event())
+    publish(Options(run, output, last=True, games=1), threading.Event())
+    assert output.with_suffix(".safetensors").is_file()
+
+
+def test_a_policy_that_is_there_is_replaced_only_if_asked(tmp_path: Path) -> None:
+    run, output = _run(tmp_path / "small"), tmp_path / "policy"
+    for file in (output.with_suffix(".safetensors"), output.with_suffix(".json")):
+        file.write_text("another")
+        with pytest.raises(InputError, match=rf"^{file} is there already: add --replace, or name"):
+            publish(Options(run, output), threading.Event())
+        assert file.read_text() == "another"
+        file.unlink()
+    output.with_suffix(".safetensors").write_text("another")
+    card = publish(Options(run, output, replace=True, games=1), threading.Event())
+    published = output.with_suffix(".safetensors").read_bytes()
+    assert hashlib.sha256(published).hexdigest() == card["sha256"]
+
+
 def test_best_weights_without_their_card_are_told(tmp_path: Path) -> None:
     (_run(tmp_path / "small") / "snapshots/best.json").unlink()
     with pytest.raises(InputError, match=r"best\.json does not exist"):
@@ -182,7 +205,7 @@ def test_a_policy_that_was_not_evaluated_to_the_end_is_told(tmp_path: Path) -> N
     with pytest.raises(InputError, match="publish again") as told:
         publish(Options(run=_run(tmp_path / "small"), output=output, games=2), stop)
     assert told.value.exit_code == INTERRUPTED
-    assert "evaluation" not in json.loads(output.with_suffix(".json").read_text())
+    assert [each.name for each in tmp_path.iterdir()] == ["small"]
 
 
 @pytest.mark.parametrize("card", ["{", "[" * 100_000], ids=["damaged", "nested without end"])

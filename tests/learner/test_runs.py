@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+from common.errors import InputError
 from common.process.log_lines import kept_log
 from common.run.folder import RunFolder
 from common.run.newest_learner import Ended, NewestLearner
@@ -150,6 +151,16 @@ def test_a_folder_without_runs_is_told(
     monkeypatch.chdir(tmp_path)
     told = f"There are no runs in {tmp_path}/runs: `ale-robot train` begins one."
     assert listed(capsys) == [told]
+
+
+@pytest.mark.parametrize("run", ["done", "runs/done"])
+def test_a_run_is_no_folder_of_runs(
+    runs: Path, run: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(InputError, match=rf"^{run} is a run: `ale-robot status {run}` tells of it"):
+        listed(capsys, run)
+    with pytest.raises(InputError, match=r"^there is no folder elsewhere: name one that"):
+        listed(capsys, "elsewhere")
 
 
 def test_runs_of_another_folder_are_asked_by_their_folder(

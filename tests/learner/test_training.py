@@ -326,6 +326,7 @@ class World:
                 *(5.0, stall_minutes, 4), force=force, warn=self.said.append, now=lambda: self.now
             ),
             clock=clock,
+            join="ale-robot join --connect tcp/h:1",
             stop=self.stop,
             **parts,
         )
@@ -831,7 +832,9 @@ def test_less_than_a_tenth_of_an_epoch_at_the_end_is_none(steps: int, epochs: in
 def test_without_an_evaluator_the_end_is_not_waited_for() -> None:
     world = World(evaluators=set())
     run(world, steps_goal=300)
+    told = "by `ale-robot join --connect tcp/h:1 --evaluator --patience inf`."
     assert world.said[0].startswith("There is no evaluator")
+    assert world.said[0].endswith(told)
     assert len(world.checkpoints[-1]["tests"]) == 1  # for one that comes to the resumed run
 
 

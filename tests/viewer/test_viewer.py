@@ -587,7 +587,7 @@ def test_play_ends_after_so_many_seconds_of_play(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     weights = in_run(tmp_path, replace(SHORT, env="ale"), 6)
-    arguments = ("play", str(weights), "--games", "9", "--seconds", "0.6")
+    arguments = ("play", str(weights), "--seconds", "0.6")
     assert command(monkeypatch, *arguments) == 0
     # 0.6 s are 9 agent steps of 66.7 ms: two games of 4, and one of the next.
     assert capsys.readouterr().out.splitlines()[2:] == ["mean score of 2 games: 0.00"]

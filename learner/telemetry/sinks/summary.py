@@ -18,13 +18,13 @@ from learner.telemetry.snapshot import ActorView, Snapshot
 
 @dataclasses.dataclass
 class SummarySink(Sink):
-    """Replaces the file at ``path`` atomically, once a minute and at the end."""
+    """Replaces the file at ``path`` atomically, every ten seconds and at the end."""
 
     path: Path
     config: RunConfig
     provenance: Mapping[str, Any]
 
-    period = 60.0
+    period = 10.0
 
     def write(self, snapshot: Snapshot) -> None:
         """Writes the figures that `METRICS` has for it, health checks, actors and settings."""

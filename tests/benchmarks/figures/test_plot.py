@@ -185,9 +185,9 @@ def test_seeds_are_thin_lines_and_their_mean_a_thick_one(tmp_path: Path) -> None
 
 def test_a_reward_that_is_rounded_to_0_has_no_sign(tmp_path: Path) -> None:
     paths = [
-        run(tmp_path / f"a-{at}", at, [1.0], random=each) for at, each in enumerate((-0.04, 0))
+        run(tmp_path / f"a-{at}", at, [1.0], random=each) for at, each in enumerate((-0.004, 0))
     ]
-    assert names(draw(Options(tuple(paths))))[-1] == "random policy, 0.0"
+    assert names(draw(Options(tuple(paths))))[-1] == "random policy, 0.00"
 
 
 def test_other_modes_are_other_runs(tmp_path: Path) -> None:

@@ -128,7 +128,7 @@ def test_what_the_system_refuses_is_one_line(
         exit_on_input_error(main)
     assert caught.value.code == 2
     told = capsys.readouterr().err
-    assert re.match(f"error: {sentence}, then run the command again; ", told)
+    assert re.match(f"error: {sentence}, then run the command again, that of a run with", told)
     assert told.count("\n") == 1
 
 

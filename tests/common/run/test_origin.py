@@ -10,6 +10,7 @@ from common.errors import InputError
 from common.network import build_network
 from common.protocol.weights import encode_weights
 from common.run.config import RunConfig
+from common.run.folder import RunFolder
 from common.run.origin import SHIPPED, find_weights, origin_of, run_meant_by
 from common.run.presets import PRESETS
 from common.run.stored_config import to_json
@@ -33,6 +34,20 @@ def test_a_file_on_its_own_tells_the_settings_of_its_training(tmp_path: Path) ->
         origin_of(file)
     file.unlink()  # as its reader will say
     assert origin_of(file) is None
+
+
+def test_the_network_of_a_run_that_lost_its_newest_is_the_one_before(tmp_path: Path) -> None:
+    run = RunFolder(tmp_path, "r")
+    run.path.mkdir()
+    run.config_file.write_text(to_json(TRAINED))
+    with pytest.raises(InputError, match=r"r/checkpoint\.safetensors does not exist"):
+        find_weights(run.path)
+    run.previous.write_bytes(encode_weights(build_network(TRAINED, 6), TRAINED))
+    assert find_weights(run.path) == run.previous
+    run.checkpoint.write_bytes(b"half of it")
+    assert find_weights(run.path) == run.checkpoint
+    with pytest.raises(InputError, match=rf"checkpoint\.safe.* is damaged .*: name {run.previous}"):
+        origin_of(run.checkpoint)
 
 
 def test_a_link_to_itself_is_no_file(tmp_path: Path) -> None:
