@@ -19,7 +19,7 @@ CPU_TORCH := https://download.pytorch.org/whl/cpu
 WANTS_CPU_TORCH = test -z "$$CI" -a ! -e $(NVIDIA_DEVICE) && ! command -v nvidia-smi >/dev/null && \
 	! $(BIN)/python -m pip config list | grep -E '^[^=]*(index|url|find-links)[^=]*=' >/dev/null
 
-.PHONY: browser help setup train test suite test-extras test-slow test-lowest check bench figures screens docs wheel lock clean
+.PHONY: browser help setup train test suite test-extras test-slow test-native test-lowest check bench figures screens docs wheel lock clean
 
 help:  ## this list
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/ —/'
@@ -67,6 +67,15 @@ test-extras: setup  ## install the optional extras, all but Ray, and run the tes
 
 test-slow: setup  ## the tests that take minutes each
 	$(BIN)/python -m pytest -m slow
+
+SANITIZERS = $(foreach name,asan ubsan,$(shell g++ -print-file-name=lib$(name).so))
+
+test-native: setup  ## the tests of the native kernel, compiled by g++ so that each wrong access to memory ends it
+	@# A cache of its own, so that nobody else loads these libraries, which are many times as slow.
+	cache=$$(mktemp -d) && trap 'rm -rf "$$cache"' EXIT && XDG_CACHE_HOME=$$cache \
+	CXX="g++ -fsanitize=address,undefined -fno-sanitize-recover=all" \
+	LD_PRELOAD="$(SANITIZERS)" ASAN_OPTIONS=detect_leaks=0 \
+	$(BIN)/python -m pytest tests/common/native/test_network.py -k "not memory"
 
 OLDEST_TORCH = $(shell sed -n 's/^ *"\(torch\)>=\(.*\)",/\1==\2/p' pyproject.toml)
 
