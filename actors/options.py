@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 import tyro
 from annotated_types import Ge, Le
@@ -24,6 +24,15 @@ class ActorOptions:
     one process for each core, on any number of machines. To check, show or play one robot without
     a run, use `python -m viewer`.
     """
+
+    ELSEWHERE: ClassVar = {
+        **{
+            f"--{command}": f"is a command of its own: call `ale-robot {command}`"
+            for command in ("check", "play", "human")
+        },
+        "--viewer": "is for `ale-robot play`: call that",
+        "--weights": "is for `ale-robot play`, which takes a network without a flag: call that",
+    }
 
     clock: tyro.conf.OmitArgPrefixes[ClockConfig] = field(default_factory=ClockConfig)
     connect: str = DEFAULT_ENDPOINT

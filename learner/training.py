@@ -6,16 +6,14 @@ checkpoints, measures and tests.
 
 import threading
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, TypeVar
 
-from common.checked import MAX_COUNT
 from common.errors import InputError
 from common.metrics import Value
 from common.process.supervisor import Supervisor
-from common.protocol.run_keys import replay_of
 from common.protocol.run_status import HealthCheck
 from common.protocol.weights import encode_weights
 from common.registry import SAMPLERS
@@ -31,12 +29,12 @@ from learner.insist import insist
 from learner.loss_guard import LossGuard
 from learner.phases import Phases
 from learner.prefetch import Prefetched, Prefetcher
+from learner.replay_watch import ReplayWatch
 from learner.run_clock import RunClock
 from learner.telemetry.actor_registry import ActorRegistry
 from learner.telemetry.held_out import HeldOut
 from learner.telemetry.snapshot import Phase
 from learner.telemetry.telemetry import Telemetry
-from replay.chunk_statistics import ReplayProgress
 from replay.interface import Replay
 
 _TICK = 0.1
@@ -80,7 +78,10 @@ class Learner:
         self._prioritised = SAMPLERS.find(self.config.replay.sampler).prioritised
         self._children: Supervisor | None = None
         self._batches: Prefetcher
-        self._replay_progress: ReplayProgress
+        self._watch = ReplayWatch(
+            *(self.replay, self.phases, self.steps_goal),
+            *(self.config.replay.learning_starts, self.checkpoint.path),
+        )
         self._look_schedule = Every(LOOK_SECONDS, self.clock.now)
         self._measure_schedule = Every(_MEASURE_SECONDS, self.clock.now)
 
@@ -97,9 +98,9 @@ class Learner:
         """
         self._children = children
         with ExitStack() as end:  # callbacks run in reverse order, each even if another one fails
-            end.callback(lambda: self.telemetry.close(self._values(), self._replay_progress))
+            end.callback(lambda: self.telemetry.close(self._values(), self._watch.progress))
             if children is not None:  # so that the last figures include their last chunks
-                end.callback(self._ask_replay_again)
+                end.callback(self._watch.look_once_more)
                 end.callback(children.close)
             end.callback(self._keep_what_was_learned)
             if children is not None:
@@ -162,7 +163,7 @@ class Learner:
             self.held_out.measure()
         if self.broadcast.is_due():
             self._publish()
-        values, progress = self._values(), self._replay_progress
+        values, progress = self._values(), self._watch.progress
         self._check_health(self._insist(lambda: self.telemetry.report(values, progress)))
 
     # ------------------------------------------------------------------ start and state
@@ -170,12 +171,7 @@ class Learner:
     def restore(self, state: dict[str, Any]) -> None:
         """Continues from the counters of a checkpoint, whose algorithm is already restored. Raises
         InputError if it counts the steps of another replay."""
-        replay = replay_of(self.replay.run_id)
-        if state.get("replay", replay) != replay:  # older ones lack it
-            raise InputError(
-                "the replay is not the one whose steps the checkpoint counts: "
-                f"{self._instead_of_the_replay}."
-            )
+        self._watch.check_identity(state.get("replay", self._watch.identity))  # older ones lack it
         self.clock.restore(float(state["seconds"]))
         self.phases.restore(state)
         self.algorithm.reseed(self.phases.updates)
@@ -190,8 +186,7 @@ class Learner:
             InputError: the replay has lost steps that the checkpoint counts.
         """
         # Tells a longer goal too: actors that join now would leave at the former one.
-        self._replay_progress = self._ask_replay()
-        known, found = self.phases.agent_steps, self._replay_progress.agent_steps
+        known, found = self.phases.agent_steps, self._watch.look().agent_steps
         if found - known > self.config.replay.ratio_tolerance:
             more = f"has {found - known:,} steps more than the checkpoint"
             if not known:  # those of a recording
@@ -218,7 +213,7 @@ class Learner:
         self.checkpoint.save(
             {
                 **self.phases.state(),
-                "replay": replay_of(self.replay.run_id),
+                "replay": self._watch.identity,
                 "rows": len(self.telemetry.rows),
                 "seconds": self.clock.seconds(),
                 "tests": self.evaluation.state(),
@@ -243,8 +238,7 @@ class Learner:
     def _count_chunks(self) -> None:
         """Counts the chunks that actors have sent since the last look."""
         while True:
-            self._replay_progress = self._ask_replay()
-            told, seen = self._replay_progress, self.phases.chunks_seen
+            told, seen = self._watch.look(), self.phases.chunks_seen
             new = [chunk for chunk in told.statistics if chunk.index >= seen]
             for chunk in new:
                 # Together, so that in a checkpoint at a phase's end both have the same chunks.
@@ -261,39 +255,11 @@ class Learner:
             self._count_chunks()
         return self._all_played
 
-    def _ask_replay(self) -> ReplayProgress:
-        """Returns what is new in the replay, which is told the run's goal. Raises InputError if
-        nothing can be drawn there any more, or if it has lost steps that are counted."""
-        told = self.replay.progress(self.phases.chunks_seen, goal=self.steps_goal or MAX_COUNT)
-        if told.failed:
-            raise InputError(told.failed)
-        known, found = self.phases.agent_steps, told.agent_steps
-        # If many steps are missing, ε and the limiter start over, and actors play all of them again
-        # before the next update. A power failure costs only a few steps.
-        if known - found > self.config.replay.learning_starts:
-            raise InputError(
-                f"the replay has seen {found:,} steps and the learner {known:,}: "
-                f"{self._instead_of_the_replay}."
-            )
-        return told
-
-    @property
-    def _instead_of_the_replay(self) -> str:
-        return (
-            "put the replay's folder back, or start another run with this one's network (--run "
-            f"ANOTHER --initial {self.checkpoint.path})"
-        )
-
-    def _ask_replay_again(self) -> None:
-        """Asks for the replay's counters once more, unless it is away."""
-        with suppress(InputError):
-            self._replay_progress = self._ask_replay()
-
     def _end_phase(self) -> None:
         """Records the present phase, and has an epoch's snapshot tested."""
         self._insist(self.held_out.draw)
         self.held_out.measure()
-        row, test = self.phases.result(self._replay_progress.stored, self.held_out.mean)
+        row, test = self.phases.result(self._watch.progress.stored, self.held_out.mean)
         record = partial(self.telemetry.add, row)
         if row.epoch:
             self.losses.check_weights(self.phases.updates)
@@ -346,23 +312,10 @@ class Learner:
             checks if self.phases.epoch else (),
             self.phases.agent_steps,
             self.phases.updates,
-            self._why_it_stands,
+            self._watch.why_it_stands,
         )
         if self.failed is not None:
             self.stop.set()
-
-    @property
-    def _why_it_stands(self) -> str:
-        """Why there is no progress, if there is none."""
-        replay = self._replay_progress
-        if replay.throttle and not replay.samplable:
-            # Each stream of steps has a share of the ring, and its last n steps lack their future.
-            return (
-                f"none of the replay's {replay.stored:,} steps can be drawn, because too many "
-                "environments share it: begin a run with more --replay.capacity, or a smaller "
-                "--learning.n-step"
-            )
-        return "the logs of actors and replay say why"
 
     # ------------------------------------------------------------------ the end
 

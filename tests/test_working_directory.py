@@ -56,13 +56,6 @@ def test_packages_of_the_working_directory_are_not_taken_for_ours(
     assert f"usage: python -m {program} " in run(elsewhere, installed, program, "--help")
 
 
-def test_nor_are_they_by_the_program_that_ours_becomes(tmp_path: Path, installed: Path) -> None:
-    elsewhere = other_packages(tmp_path / "elsewhere", but="actors")
-    assert "usage: python -m viewer check " in run(
-        elsewhere, installed, "actors", "--check", "--help"
-    )
-
-
 def test_what_lies_beside_the_program_is_ours(tmp_path: Path, installed: Path) -> None:
     checkout = other_packages(tmp_path / "checkout", but="deploy")
     (checkout / "deploy").symlink_to(ROOT / "deploy")

@@ -1,56 +1,14 @@
 """The command line of `python -m actors`."""
 
-import os
 import socket
-import sys
-from pathlib import Path
 
 import pytest
 
-from actors.__main__ import main, viewer_command
 from actors.options import ActorOptions
 from actors.process import _default_name
 from common.errors import InputError
 from common.process.command_line import parse
 from common.protocol.run_keys import check_name
-from viewer import __main__ as viewer
-from viewer.check import Check
-
-
-@pytest.mark.parametrize(
-    ("arguments", "meant"),
-    [
-        ("--sync --envs 2", ""),
-        ("--check -o p.png", "check -o p.png"),
-        ("--env ale --play --games 2", "play --env ale --games 2"),
-        ("--human", "human"),
-        ("--sync --human --game breakout", "human --game breakout"),
-        ("--viewer rerun", "play --viewer rerun"),
-        ("--viewer=rerun --play", "play --viewer=rerun"),
-        ("--play --weights w.safetensors --games 2", "play w.safetensors --games 2"),
-        ("--play --weights=w.safetensors", "play w.safetensors"),
-        ("--play --weights", "play --weights"),
-        ("--weights --play", "play --weights"),
-        ("--play --weights --seed 3", "play --weights --seed 3"),
-    ],
-)
-def test_former_flags_of_the_viewer(arguments: str, meant: str) -> None:
-    assert viewer_command(arguments.split()) == meant.split()
-
-
-def test_a_former_flag_starts_the_viewer(monkeypatch: pytest.MonkeyPatch) -> None:
-    class Replaced(Exception):
-        """This process is another program from here on."""
-
-    def become(program: str, arguments: list[str]) -> None:
-        assert (program, arguments[:3]) == (sys.executable, [sys.executable, "-m", "viewer"])
-        assert parse(viewer.EVERY, "viewer", arguments[3:]) == Check(env="ale", output=Path("p"))
-        raise Replaced
-
-    monkeypatch.setattr(sys, "argv", ["actors", "--check", "--env", "ale", "-o", "p"])
-    monkeypatch.setattr(os, "execv", become)
-    with pytest.raises(Replaced):
-        main()
 
 
 @pytest.mark.parametrize(
@@ -61,6 +19,8 @@ def test_a_former_flag_starts_the_viewer(monkeypatch: pytest.MonkeyPatch) -> Non
         ("--seed -1", "--seed is -1: choose 0 or more"),
         ("--evaluator --envs 2", "omit --envs"),
         ("--speed 2", "--speed is for --no-sync"),
+        ("--check -o p.png", "--check is a command of its own: call `ale-robot check`"),
+        ("--viewer=rerun", "--viewer is for `ale-robot play`: call that"),
     ],
 )
 def test_options_that_cannot_be_followed(arguments: str, words: str) -> None:
