@@ -39,8 +39,8 @@ class Member:
         """
         if run_id != self.keys.run_id:
             raise Unreachable(
-                f"the hub now serves another run as {self.keys.run} than the one {self.name} "
-                "joined, and refuses everything else: start this process again to join that run."
+                f"the hub now serves a different run under the name {self.keys.run}, and refuses "
+                f"{self.name}, which joined the former one: start this process again to join it."
             )
 
     def warn(self, sentence: str) -> None:

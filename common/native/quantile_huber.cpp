@@ -19,7 +19,7 @@ inline void compare(const float* predicted, const float* midpoints, const float*
         for (int i = 0; i < LANES; i++) {
             const float u = targets[j] - predicted[i], size = std::fabs(u);
             const float share = u < 0 ? 1 - midpoints[i] : midpoints[i];
-            const float bounded = std::min(size, 1.0f);  // not a number if u is none
+            const float bounded = std::min(size, 1.0f);  // NaN if u is NaN
             losses[i] += share * bounded * (size - 0.5f * bounded);
             gradients[i] -= share * std::copysign(bounded, u);
         }

@@ -274,7 +274,7 @@ struct Scratch {
     alignas(64) number dense_groups[HIDDEN / GROUP][TILE][GROUP];  // weights of a panel
 };
 
-long up(long count, long multiple) { return (count + multiple - 1) / multiple; }
+long ceil_div(long count, long divisor) { return (count + divisor - 1) / divisor; }
 
 template <class T>
 T* at_least(std::vector<T>& memory, long count) {
@@ -502,7 +502,7 @@ class Trunk {
     // Takes the pixels of the last forward pass that was kept.
     void backward(const number* pixels, long states, const float* d, float* const weights[4],
                   float* const biases[4], long stride, int threads) {
-        const long groups = up(states, GROUP), rows = up(states, ROWS) * ROWS;
+        const long groups = ceil_div(states, GROUP), rows = ceil_div(states, ROWS) * ROWS;
         number* d_plain = at_least(d_plain_, rows * HIDDEN);
         // [output / 8][group][output][GROUP] and [feature / TILE][group][feature][GROUP]
         number* d_groups = at_least(d_groups_, groups * GROUP * HIDDEN);
@@ -597,9 +597,9 @@ class Trunk {
 
     // Writes features as [state / TILE][group of features][state][GROUP].
     void arrange(const number* features, long states, int threads) {
-        number* arranged = at_least(arranged_, up(states, TILE) * TILE * FEATURES);
+        number* arranged = at_least(arranged_, ceil_div(states, TILE) * TILE * FEATURES);
         constexpr int LINES = FEATURES / LINE;  // each is read once
-        Deal lines(up(states, TILE) * LINES);
+        Deal lines(ceil_div(states, TILE) * LINES);
         in_threads(threads, [&](int) {
             for (long line; lines.next(line);) {
                 const long first = line / LINES * TILE, f = line % LINES * LINE;

@@ -364,7 +364,7 @@ def test_an_actor_leaves_a_hub_that_serves_another_run_now(stage: Stage) -> None
     stage.replay.ack = replace(STORED, status="refused", run_id="another")
     stage.ended()
     assert stage.failure == (
-        "the hub now serves another run as r than the one a joined, and refuses everything else: "
-        "start this process again to join that run."
+        "the hub now serves a different run under the name r, and refuses a, which joined the "
+        "former one: start this process again to join it."
     )
     assert stage.farewell().refused >= 1

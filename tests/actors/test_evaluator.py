@@ -341,7 +341,7 @@ def test_an_evaluator_leaves_a_learner_that_trains_another_run_now(stage: Stage)
     stage.start(NumberedEnv(TEN_STEPS_A_GAME))
     stage.give(replace(job(25), run_id="another"))
     stage.ended()
-    assert "serves another run as r than the one e joined" in str(stage.failure)
+    assert "serves a different run under the name r, and refuses e" in str(stage.failure)
 
 
 def test_a_learner_whose_jobs_are_refused_is_not_away(stage: Stage) -> None:
