@@ -1,7 +1,13 @@
-"""tyro's errors about flags, as sentences for people."""
+"""Errors about flags, as sentences for people: tyro's own, and those about settings."""
 
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from itertools import dropwhile, takewhile
+
+from common.errors import InputError
+from common.run.config import RunConfig
+from common.run.stored_config import flag_of, flat
 
 
 def as_sentence(box: str, all_flags: str) -> str:
@@ -25,6 +31,23 @@ def as_sentence(box: str, all_flags: str) -> str:
     return f"there is no flag {unknown}: {hint}"
 
 
+@contextmanager
+def naming_flags() -> Iterator[None]:
+    """Raises an InputError of the block with the flags of the settings that it names: they may come
+    from files and messages, too, and are called ``learning.n_step`` there."""
+    try:
+        yield
+    except InputError as error:
+        told = re.sub(_SETTING, lambda found: flag_of(found[0], value="")[0], str(error))
+        raise InputError(told, error.exit_code) from None
+
+
+_IN_GROUPS = "|".join(
+    re.escape(name) for name in sorted(flat(RunConfig()), key=len, reverse=True) if "." in name
+)
+_FIRST = "|".join(name for name in flat(RunConfig()) if "." not in name)
+_SETTING = rf"(?<![\w./-])(?:{_IN_GROUPS})(?![\w.]\w)|^(?:{_FIRST})(?= is )"
+"""A setting: in a group, with its group, or at the beginning of a sentence."""
 _WITH_COMMAS = r"'(\d+(?:,\d{3})+)'"
 _SAID = {
     rf"Error parsing (\S+): invalid literal for int\(\) with base 10: {_WITH_COMMAS}": (

@@ -15,6 +15,7 @@ from common.errors import InputError
 from common.process.command_line import parse
 from common.process.config_file import with_file
 from common.process.first_flags import read_first
+from common.process.flag_errors import naming_flags
 from common.process.own_flags import HELP, going_on_from, own_help
 from common.registry import ENVIRONMENTS
 from common.run.conditions import CameraConfig, PlayConfig
@@ -75,8 +76,9 @@ class Played:
         usual = settings_of(self.network, self.env)
         given = {name: getattr(self, name) for name in _settings_of(type(self))}
         config = replace(usual, **given)
-        check_play(config)
-        check_robot(usual, config)
+        with naming_flags():
+            check_play(config)
+            check_robot(usual, config)
         if self.network is not None:
             check_fit(self.network, origin_of(self.network), config)
         return config.pinned()

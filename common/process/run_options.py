@@ -17,6 +17,7 @@ from common.errors import InputError, choice
 from common.process.command_line import WeightsFile, parse
 from common.process.config_file import with_file
 from common.process.first_flags import read_first
+from common.process.flag_errors import naming_flags
 from common.process.own_flags import going_on_from, own_help
 from common.registry import ENVIRONMENTS
 from common.run.config import RunConfig
@@ -110,8 +111,9 @@ def parse_run(
     if ALL_RANGES in arguments:
         drawn = dataclasses.replace(defaults, randomise=all_ranges(options.config.env))
         options = parse(kind, program, flags, config=drawn)
-    check_config(options.config)
-    check_robot(defaults, options.config)
+    with naming_flags():
+        check_config(options.config)
+        check_robot(defaults, options.config)
     config = options.config.pinned()
     if config != found:  # a stored run goes on, even if a new version of a package declares more
         config = config.in_full()

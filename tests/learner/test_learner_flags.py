@@ -102,8 +102,8 @@ QR = ("--learning.algorithm", "qr_dqn")
         (["--local", "--actors", "10000000000"], r"--actors is 10000000000: choose at most 4096"),
         (["--evaluators", "10000000000"], r"--evaluators is 10000000000: choose at most 4096\."),
         (["--local", "--envs", "257"], r"--envs is 257: choose at most 256\."),
-        (["--replay.priority-exponent=90"], r"priority_exponent is 90.0: choose at most 1\."),
-        (["--replay.importance-exponent=90"], r"importance_exponent is 90.0: choose at most 1\."),
+        (["--replay.priority-exponent=90"], r"priority-exponent is 90.0: choose at most 1\."),
+        (["--replay.importance-exponent=90"], r"importance-exponent is 90.0: choose at most 1\."),
         (
             [*DQN, "--learning.quantiles", "9"],
             "--learning.quantiles means nothing to the algorithm dqn",

@@ -58,7 +58,7 @@ def test_the_first_game_is_the_usual_one_and_the_others_differ(
 def test_what_cannot_be_drawn_or_written_is_refused_before_the_games(tmp_path: Path) -> None:
     flags = ("--env", "ale", "--randomise.head-pose", 3, "-o", tmp_path / "d.png")
     turned = parsed(Draws, *flags)
-    with pytest.raises(InputError, match=r"^randomise.head_pose is 3.0, which means nothing"):
+    with pytest.raises(InputError, match=r"^--randomise.head-pose is 3.0, which means nothing"):
         turned.check()
     with pytest.raises(InputError, match=r"d\.txt does not name a picture"):
         parsed(Draws, "-o", tmp_path / "d.txt").check()

@@ -295,7 +295,7 @@ def test_a_network_is_shown_in_another_world_than_its_own(tmp_path: Path) -> Non
     world = ("--play.sticky", 0, "--camera.noise", 8, "--camera.gamma", 1)
     found = parsed(Play, weights, *world).config()
     assert found == replace(ran, play=replace(ran.play, sticky=0.0), camera=CameraConfig(noise=8.0))
-    with pytest.raises(InputError, match=r"^camera\.noise is 300(\.0)?: choose at most 255"):
+    with pytest.raises(InputError, match=r"^--camera\.noise is 300(\.0)?: choose at most 255"):
         parsed(Play, weights, "--camera.noise", 300).config()
 
 

@@ -157,7 +157,7 @@ def test_without_resume_the_stored_settings_do_not_count() -> None:
 
 
 def test_settings_that_cannot_work_are_told() -> None:
-    with pytest.raises(InputError, match=r"^replay\.capacity is 5, but"):
+    with pytest.raises(InputError, match=r"^--replay\.capacity is 5, but --replay"):
         parsed("--replay.capacity", "5")
 
 

@@ -9,6 +9,7 @@ import tyro
 
 from common.errors import InputError
 from common.process.command_line import parse
+from common.process.flag_errors import naming_flags
 from tests.common.process.test_command_line import parsed
 
 
@@ -104,3 +105,20 @@ class Named:
 def test_a_missing_choice_or_name_is_told(kind: type, arguments: list[str], words: str) -> None:
     with pytest.raises(InputError, match=words):
         parse(kind, "program", arguments)
+
+
+def test_settings_in_an_error_are_written_as_flags() -> None:
+    with pytest.raises(InputError) as told, naming_flags():
+        raise InputError(
+            "replay.capacity is 5, but my.replay.capacity and ./play.hand are files: raise "
+            "replay.learning_starts, or play.vector",
+            exit_code=75,
+        )
+    assert str(told.value) == (
+        "--replay.capacity is 5, but my.replay.capacity and ./play.hand are files: raise "
+        "--replay.learning-starts, or --play.vector"
+    )
+    assert told.value.exit_code == 75
+    with pytest.raises(InputError) as told, naming_flags():
+        raise InputError("seed is -1: the seed is what a game begins with")
+    assert str(told.value) == "--seed is -1: the seed is what a game begins with"
