@@ -171,5 +171,5 @@ def test_tests_alone_are_watched_when_training_is_over() -> None:
 @pytest.mark.usefixtures("forks")
 def test_a_learner_that_cannot_start_says_why() -> None:
     setting = Setting(learner="--replay.ratio-tolerance 1")
-    with pytest.raises(InputError, match="ratio_tolerance"), LocalRun(setting):
+    with pytest.raises(InputError, match="ratio-tolerance"), LocalRun(setting):
         pass

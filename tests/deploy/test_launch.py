@@ -98,7 +98,7 @@ def test_no_flag_is_run_as_shell_text(monkeypatch: pytest.MonkeyPatch, tmp_path:
     ("own", "flags", "told"),
     [
         ((), ("--learning.n-stepp=3",), "there is no flag --learning.n-stepp"),
-        ((), ("--learning.n-step=0",), "learning.n_step is 0"),
+        ((), ("--learning.n-step=0",), "learning.n-step is 0"),
         ((), ("--local",), "--local is set by the launcher"),
         ((), ("--listen=tcp/0.0.0.0:1",), "--listen is set by the launcher"),
         ((), ("--actors=3",), "--actors is set by the launcher"),

@@ -24,7 +24,7 @@ def _sentence(output: str) -> str:
     ("arguments", "words"),
     [
         (["--env", "ale", "--game", "pomg"], "pong"),
-        (["--env", "ale", "--replay.ratio-tolerance", "1"], "ratio_tolerance"),
+        (["--env", "ale", "--replay.ratio-tolerance", "1"], "ratio-tolerance"),
         (
             ["--env", "ale", "--replay.capacity", "20000", "--replay.learning-starts", "30000"],
             "capacity",

@@ -54,7 +54,7 @@ def options_of(runs: Path, **given: Any) -> Options:
         ({"vary": ("learning.n-stp=3,5",)}, r"--learning\.n-stp"),
         ({"vary": ("learning.n-step=3,x",)}, r"--learning\.n-step"),
         ({"vary": ("learning.discount=0.9:1.5",)}, r"learning\.discount is 1\.5: choose"),
-        ({"vary": ("learning.n-step=0:3",)}, r"learning\.n_step is 0: choose 1 or more"),
+        ({"vary": ("learning.n-step=0:3",)}, r"learning\.n-step is 0: choose 1 or more"),
         ({"learner": "--env nowhere"}, "nowhere"),
         ({"steps": 300}, r"--steps is 300, .*: choose more, or lower --"),
         ({"steps": 60_000, "learner": "--env robot"}, None),
