@@ -82,6 +82,7 @@ def build_learner(
         config.protocol,
         evaluators=lambda: registry.alive("evaluator"),
         seconds=clock.seconds,
+        join=join_command(options),
     )
     held_out = HeldOut(folder.held_out, config, algorithm, replay)
     telemetry = Telemetry(

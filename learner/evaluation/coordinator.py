@@ -75,6 +75,8 @@ class EvaluationCoordinator:
     seconds: Callable[[], float]
     """Returns the run's time, seconds."""
     now: Now = time.monotonic
+    join: str = "ale-robot join"
+    """Command that starts a process of the run, without its role."""
 
     def __post_init__(self) -> None:
         self._lock = threading.Lock()
@@ -128,9 +130,10 @@ class EvaluationCoordinator:
         if given_up and self._missed:  # else a run that wants no tests
             self._missed = False
             _log.warning(
-                "epochs up to %d stay untested, because there is no evaluator: start one with "
-                "ale-robot join --evaluator",
+                "epochs up to %d stay untested, because there is no evaluator: start one by `%s "
+                "--evaluator`",
                 given_up[-1],
+                self.join,
             )
         if len(waiting) > self._backlog and present:
             self._backlog = 2 * len(waiting)

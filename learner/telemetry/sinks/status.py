@@ -1,4 +1,4 @@
-"""Answers requests for the run's status (`python -m learner --status`)."""
+"""Answers requests for the run's status (`ale-robot status`)."""
 
 import time
 
