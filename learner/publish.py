@@ -19,7 +19,7 @@ from typing import Annotated, Any
 import torch
 import tyro
 
-from common.atomic_file import write_atomically, write_json
+from common.atomic_file import check_new_file, write_atomically, write_json
 from common.checked import FromOne
 from common.crc32 import crc32
 from common.errors import InputError, MessageError, writing
@@ -87,21 +87,21 @@ def publish(options: Options, stop: threading.Event) -> dict[str, Any]:
     for file in (weights, told):
         if file.exists() and not options.replace:
             raise InputError(f"{file} is there already: add --replace, or name another.")
+        check_new_file(file)  # before the games, not after them
     config, network, card = _trained(options, folder)
     published = encode_weights(network, config, torch.float16)
     card["sha256"] = hashlib.sha256(published).hexdigest()
     asked = EvaluationOptions(headline=True, games=options.games)
+    with tempfile.TemporaryDirectory() as place:
+        evaluated = Path(place, weights.name)
+        evaluated.write_bytes(published)
+        scores = evaluate(evaluated, asked, config.for_play, ClockConfig(), stop)
+    if scores is None:
+        raise InputError(
+            "the evaluation was stopped, so nothing is published: publish again.", INTERRUPTED
+        )
+    card["evaluation"] = scores | {"weights": weights.stem}  # without the path on this machine
     with writing(options.output):
-        options.output.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(dir=options.output.parent, prefix="publish.") as place:
-            evaluated = Path(place, weights.name)
-            evaluated.write_bytes(published)
-            scores = evaluate(evaluated, asked, config.for_play, ClockConfig(), stop)
-        if scores is None:
-            raise InputError(
-                "the evaluation was stopped, so nothing is published: publish again.", INTERRUPTED
-            )
-        card["evaluation"] = scores | {"weights": weights.stem}  # without the path on this machine
         write_atomically(weights, published)
         write_json(told, card)
     return card
