@@ -75,7 +75,8 @@ test-native: setup  ## the tests of the native kernel, compiled by g++ so that e
 	cache=$$(mktemp -d) && trap 'rm -rf "$$cache"' EXIT && XDG_CACHE_HOME=$$cache \
 	CXX="g++ -fsanitize=address,undefined -fno-sanitize-recover=all" \
 	LD_PRELOAD="$(SANITIZERS)" ASAN_OPTIONS=detect_leaks=0 \
-	$(BIN)/python -m pytest tests/common/native/test_network.py -k "not memory"
+	$(BIN)/python -m pytest tests/common/native/test_network.py tests/learner/algorithm/test_optimizers.py \
+	tests/learner/algorithm/test_qr_dqn.py -k "not memory"
 
 OLDEST_TORCH = $(shell sed -n 's/^ *"\(torch\)>=\(.*\)",/\1==\2/p' pyproject.toml)
 

@@ -24,7 +24,7 @@ from common.run.conditions import CameraConfig, PlayConfig
 from common.run.config import RunConfig, Seed
 from common.run.fit import as_argument, check_fit
 from common.run.origin import find_weights, name_of, origin_of
-from common.run.rules import check_play, check_robot
+from common.run.rules import check_chosen, check_play
 from learner.evaluation import offline
 from learner.evaluation.options import EPSILON, GAMES, EvaluationOptions
 
@@ -184,6 +184,6 @@ def _changed(weights: Path, config: RunConfig, **given: Any) -> RunConfig:
     changed = replace(config, **{name: each for name, each in given.items() if each is not None})
     if changed != config:
         check_play(changed)
-        check_robot(config, changed)
+        check_chosen(config, changed)
         check_fit(weights, config, changed, written=as_argument)
     return changed.pinned()

@@ -28,6 +28,7 @@ class ReplayWatch:
         self,
         replay: Replay,
         phases: Phases,
+        *,
         steps_goal: int | None,
         starts: int,
         checkpoint: Path,

@@ -42,12 +42,13 @@ class RunsOptions:
 
     def check(self) -> None:
         """Raises InputError for a folder that is not there, or is that of one run."""
-        if (run := RunFolder.named(self.runs)) is not None:
+        there = self.runs == RUNS or self.runs.is_dir()
+        if (run := (RunFolder.at if there else RunFolder.named)(self.runs)) is not None:
             raise InputError(
                 f"{self.runs} is a run: `ale-robot status {self.runs}` tells of it; omit it for a "
                 f"list of those in {run.path.parent}."
             )
-        if self.runs != RUNS and not self.runs.is_dir():
+        if not there:
             raise InputError(f"there is no folder {self.runs}: name one that holds runs.")
 
 

@@ -79,8 +79,11 @@ class Learner:
         self._children: Supervisor | None = None
         self._batches: Prefetcher
         self._watch = ReplayWatch(
-            *(self.replay, self.phases, self.steps_goal),
-            *(self.config.replay.learning_starts, self.checkpoint.path),
+            self.replay,
+            self.phases,
+            steps_goal=self.steps_goal,
+            starts=self.config.replay.learning_starts,
+            checkpoint=self.checkpoint.path,
         )
         self._look_schedule = Every(LOOK_SECONDS, self.clock.now)
         self._measure_schedule = Every(_MEASURE_SECONDS, self.clock.now)

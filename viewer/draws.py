@@ -78,7 +78,9 @@ def games(config: RunConfig, count: int, stop: threading.Event) -> list[NDArray[
             observation, _ = env.reset(seed=config.seed * 1_000 + number)
             env.action_space.seed(number)
             for _ in range(_STEPS):
-                observation, *_ = env.step(env.action_space.sample())
+                observation, _, terminated, truncated, _ = env.step(env.action_space.sample())
+                if terminated or truncated:
+                    break
             tiles.append(tile(env, frames_and_vector(observation)[0][-1]))
     return tiles
 

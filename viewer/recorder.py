@@ -2,7 +2,7 @@
 
 import shutil
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -155,6 +155,8 @@ class Recorder(gymnasium.Wrapper[Any, Any, Any, Any]):
             yield
         except OSError as error:
             self._rows.clear()
+            with suppress(OSError):  # the film of half a game is dropped
+                self._filming.__exit__(type(error), error, error.__traceback__)
             whole = f"; the {self.dataset.episodes:,} games before are complete"
             raise InputError(
                 f"{self.dataset.folder} cannot be written ({error.strerror}): make room, and "

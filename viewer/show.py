@@ -37,10 +37,10 @@ class Play(Played):
     """Network that plays, such as robot_pong or runs/NAME/snapshots/best.safetensors."""
     epsilon: Fraction = 0.001
     """Share of random actions in the network's play; evaluations of 2017 had 0.05."""
-    games: FromOne = 1
-    """Number of whole games."""
+    games: FromOne | None = None
+    """Number of whole games; 1 unless --seconds is given."""
     seconds: Amount = 0.0
-    """Seconds of play, in as many games as that takes; 0 plays the whole --games."""
+    """Seconds of play instead, in as many games as that takes."""
     video: File = None
     """Film of the panels; its name ends in .mp4, or in .gif with --seconds. An existing film is
     replaced once the new one is whole."""
@@ -58,6 +58,8 @@ class Play(Played):
         return self.weights
 
     def check(self) -> None:
+        if self.games and self.seconds:
+            raise InputError("--games and --seconds are two lengths: choose one.")
         if self.viewer is not None or self.save is not None:
             check_extra("--viewer rerun or --save", "viz")
         if self.video is not None:
@@ -105,7 +107,9 @@ class Play(Played):
                 played += step.info.elapsed
                 seconds = played / env.rate
                 progress.update(seconds, note=f"{seconds:.0f} s of play")
-                ended = seconds >= self.seconds if self.seconds else len(scores) == self.games
+                ended = (
+                    seconds >= self.seconds if self.seconds else len(scores) == (self.games or 1)
+                )
                 if ended or stop.is_set():
                     if not scores:
                         print(

@@ -93,7 +93,8 @@ class CheckedEnv(gymnasium.Wrapper[Any, Any, Any, Any], ShownEnv[Any, Any]):
     ) -> tuple[Any, dict[str, Any]]:
         with foreign(f"reset() of {self._name}"):
             observation, info = self.env.reset(seed=seed, options=options)
-        frames = self._checked(observation)
+            frames = self._checked(observation)
+            StepInfo.of(info)
         if (frames != frames[-1]).any():
             raise InputError(
                 f"{self._name} begins an episode with frames that differ: repeat the first one, as "
@@ -104,20 +105,22 @@ class CheckedEnv(gymnasium.Wrapper[Any, Any, Any, Any], ShownEnv[Any, Any]):
     def step(self, action: Any) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:
         with foreign(f"step() of {self._name}"):
             observation, reward, terminated, truncated, info = self.env.step(action)
-        before = self._frames
-        if (self._checked(observation)[:-1] != before[1:]).any():
+            before, frames = self._frames, self._checked(observation)
+            told, size = StepInfo.of(info), abs(float(reward))
+        if (frames[:-1] != before[1:]).any():
             raise InputError(
                 f"{self._name} changes older frames of a state: keep them and append the new one, "
                 "as the replay will."
             )
-        if not abs(float(reward)) <= MAX_SIZE:  # nor NaN
+        for what, number in (("reward", size), ("score", abs(told.game_score))):
+            if not number <= MAX_SIZE:  # nor NaN
+                given = reward if what == "reward" else told.game_score
+                raise InputError(
+                    f"{self._name} gives the {what} {given}: give a number within ±{MAX_SIZE:g}."
+                )
+        if not 1 <= told.elapsed <= MAX_ELAPSED:
             raise InputError(
-                f"{self._name} gives the reward {reward}: give a number within ±{MAX_SIZE:g}."
-            )
-        elapsed = StepInfo.of(info).elapsed
-        if not 1 <= elapsed <= MAX_ELAPSED:
-            raise InputError(
-                f"{self._name} says that a step took {elapsed} agent steps: give 1 to "
+                f"{self._name} says that a step took {told.elapsed} agent steps: give 1 to "
                 f"{MAX_ELAPSED}; 0 is for a reset."
             )
         # If a time limit passes as the episode ends, Gymnasium's wrapper says both. It has ended.

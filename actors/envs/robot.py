@@ -19,6 +19,7 @@ from actors.envs.step_info import StepInfo
 from actors.envs.world import AgentStep, World
 from actors.robots.interface import Robot, ViewName
 from actors.vision.screen_detector import Detection
+from common.errors import InputError
 from common.registry import ROBOTS
 from common.run.clock import ClockConfig
 from common.run.conditions import DEFAULT_PLAY, PERFECT_CAMERA, CameraConfig, PlayConfig
@@ -71,7 +72,11 @@ class RobotEnv(GameEnv):
         console = AtariGame(game, play, camera, randomise, training=training, random_start=False)
         self.robot: Robot = ROBOTS.make(play.robot, console.emulator.screen_shape, camera, play)
         """The robot and everything around it."""
-        world = World(self.robot, console, play, joints, self.robot.proprioception)
+        try:
+            world = World(self.robot, console, play, joints, self.robot.proprioception)
+        except InputError:  # such as of a damaged model of the hands
+            self.robot.close()
+            raise
         super().__init__(console, world, play, render_mode, joints)
         self._eye = Eye(self.robot, console, play.eye)
         self._clock: Clock = (

@@ -140,7 +140,11 @@ def measure(options: Options) -> Report:
     )
     _check_study(options, study)
     if options.trials:
-        study.optimize(lambda trial: _play(options, axes, trial), n_trials=options.trials)
+        study.optimize(
+            lambda trial: _play(options, axes, trial),
+            n_trials=options.trials,
+            catch=(InputError,),  # such as of a loss that diverges: the other trials go on
+        )
     return _report(options, study)
 
 

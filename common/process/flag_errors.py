@@ -46,7 +46,7 @@ _IN_GROUPS = "|".join(
     re.escape(name) for name in sorted(flat(RunConfig()), key=len, reverse=True) if "." in name
 )
 _FIRST = "|".join(name for name in flat(RunConfig()) if "." not in name)
-_SETTING = rf"(?<![\w./-])(?:{_IN_GROUPS})(?![\w.]\w)|^(?:{_FIRST})(?= is )"
+_SETTING = rf"(?<![\w./-])(?:{_IN_GROUPS})(?!\w|\.\w)|^(?:{_FIRST})(?= is )"
 """A setting: in a group, with its group, or at the beginning of a sentence."""
 _WITH_COMMAS = r"'(\d+(?:,\d{3})+)'"
 _SAID = {

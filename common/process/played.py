@@ -25,7 +25,7 @@ from common.run.origin import origin_of
 from common.run.own_settings import defaults_of
 from common.run.presets import PRESETS
 from common.run.ranges import ALL_RANGES, all_ranges
-from common.run.rules import check_play, check_robot
+from common.run.rules import check_chosen, check_play
 from common.run.stored_config import differences, flat
 
 
@@ -78,7 +78,7 @@ class Played:
         config = replace(usual, **given)
         with naming_flags():
             check_play(config)
-            check_robot(usual, config)
+            check_chosen(usual, config)
         if self.network is not None:
             check_fit(self.network, origin_of(self.network), config)
         return config.pinned()

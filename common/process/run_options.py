@@ -26,7 +26,7 @@ from common.run.folder import RUNS
 from common.run.origin import origin_of
 from common.run.presets import PRESETS
 from common.run.ranges import ALL_RANGES, all_ranges
-from common.run.rules import check_config, check_robot
+from common.run.rules import check_chosen, check_config
 from common.run.stored_config import flat
 from common.transport.endpoint import DEFAULT_ENDPOINT
 from common.transport.leaky_bucket import ACTOR_QUOTA
@@ -113,7 +113,7 @@ def parse_run(
         options = parse(kind, program, flags, config=drawn)
     with naming_flags():
         check_config(options.config)
-        check_robot(defaults, options.config)
+        check_chosen(defaults, options.config)
     config = options.config.pinned()
     if config != found:  # a stored run goes on, even if a new version of a package declares more
         config = config.in_full()

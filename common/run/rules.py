@@ -1,6 +1,6 @@
 """The checks of a run's settings: the bounds beside each, and the rules between them."""
 
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from operator import attrgetter
 
 from common.errors import InputError
@@ -9,19 +9,18 @@ from common.proprioception import MAX_VECTOR
 from common.protocol.step_fields import FRAME_BYTES, drawn_fields
 from common.protocol.wire import MAX_MESSAGE_BYTES
 from common.registry import ENVIRONMENTS, foreign
-from common.run.conditions import FRAMES_PER_SECOND, LatencyModelSettings
+from common.run.conditions import (
+    DEFAULT_PLAY,
+    FRAMES_PER_SECOND,
+    LatencyModelSettings,
+    PlayConfig,
+)
 from common.run.config import RunConfig
 from common.run.own_settings import ROBOT, check_own_settings, own_settings
 from common.run.ranges import check_ranges, ignored_in
 from common.run.stored_config import from_mapping
 
-_NEEDED = {
-    "play.vector_commands": "play.vector",
-    "play.vector_key_frames": "play.vector",
-    "play.equal_gap": "play.equal_latency",
-    "play.hands_model": "play.equal_latency",
-}
-"""Settings that mean nothing without another one, which is given beside each."""
+_OF_A_VECTOR = [each.name for each in fields(PlayConfig) if each.name.startswith("vector_")]
 _PLACE_BYTES = 4
 """Size in a message of a frame's place in a state."""
 _TRANSITION_BYTES = 32
@@ -52,18 +51,25 @@ def check_play(config: RunConfig) -> None:
     _check_hands(config)
 
 
-def check_robot(before: RunConfig, config: RunConfig) -> None:
-    """Refuses a robot that the flags chose, and nobody would play by. The robot of the settings
-    ``before`` may stay, so that the emulator alone plays what any robot learned."""
+def check_chosen(before: RunConfig, config: RunConfig) -> None:
+    """Refuses what the flags chose and has no effect: a robot that nobody plays by, or parts of a
+    vector that nobody gets. Those of the settings ``before`` may stay, so that the emulator alone
+    plays what any robot learned, and every stored run goes on."""
     env, play = config.env, config.play
+    for name in _OF_A_VECTOR if not play.vector else ():
+        value, usual = (getattr(each.play, name) for each in (config, before))
+        if value != usual:
+            raise InputError(
+                f"play.{name} is {value}, which means nothing without play.vector: give that too, "
+                f"or leave it at {usual}."
+            )
     chosen = play.robot != before.play.robot and not play.latency_model
     if chosen and not ENVIRONMENTS.find(env).robot:
         raise InputError(f"--robot {play.robot} is for a robot, and --env {env} has none: omit it.")
 
 
 def check_ignored(config: RunConfig) -> None:
-    """Refuses settings that have no effect in the environment, or without another setting, unless
-    they have their defaults."""
+    """Refuses settings that have no effect in the environment, unless they have their defaults."""
     defaults = RunConfig()
     for name in ignored_in(config.env):
         value, usual = map(attrgetter(name), (config, defaults))
@@ -72,14 +78,6 @@ def check_ignored(config: RunConfig) -> None:
             raise InputError(
                 f"{name} is {value}, which means nothing in --env {config.env}: leave it at "
                 f"{shown}."
-            )
-    for name, needed in _NEEDED.items():
-        value, usual = map(attrgetter(name), (config, defaults))
-        if value != usual and not attrgetter(needed)(config):
-            shown = path_of(value) if isinstance(value, str) else value
-            raise InputError(
-                f"{name} is {shown}, which means nothing without {needed}: give that too, or "
-                f"leave it at {usual!r}."
             )
 
 
@@ -90,6 +88,13 @@ def _check_hands(config: RunConfig) -> None:
             f"play.robot is {path_of(play.robot)}, which models the hands by itself: leave "
             "play.hand at 'arm' and play.press_latency at 0."
         )
+    for name, shown in (("equal_gap", play.equal_gap), ("hands_model", path_of(play.hands_model))):
+        usual = getattr(DEFAULT_PLAY, name)
+        if getattr(play, name) != usual and not play.equal_latency:
+            raise InputError(
+                f"play.{name} is {shown}, which means nothing without play.equal_latency: give "
+                f"that too, or leave it at {usual!r}."
+            )
     if play.hands_model:
         _check_modelled(config)
 
@@ -150,7 +155,8 @@ def _check_replay(config: RunConfig) -> None:
     if replay.learning_starts < learning.batch_size + learning.n_step:
         raise InputError(
             f"replay.learning_starts is {replay.learning_starts}: the first minibatch needs at "
-            f"least {learning.batch_size + learning.n_step} steps (batch_size + n_step)."
+            f"least {learning.batch_size + learning.n_step} steps (learning.batch_size + "
+            "learning.n_step)."
         )
     if replay.capacity < replay.learning_starts + 2 * stream.chunk_steps:
         raise InputError(
@@ -163,5 +169,5 @@ def _check_replay(config: RunConfig) -> None:
         raise InputError(
             f"replay.ratio_tolerance is {replay.ratio_tolerance}, so actors and learner would "
             f"wait for each other for ever: choose at least {least} "
-            "(chunk_steps × window, and train_period)."
+            "(stream.chunk_steps × stream.window, and learning.train_period)."
         )

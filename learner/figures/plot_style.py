@@ -82,7 +82,7 @@ def check_figure(path: Path) -> None:
     Raises:
         InputError: it names the file.
     """
-    if path.suffix not in _SUFFIXES:
+    if path.suffix.lower() not in _SUFFIXES:
         raise InputError(f"{path} is not a picture's name: let it end in .png, .svg or .pdf.")
     check_new_file(path)
 

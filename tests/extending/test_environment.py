@@ -237,6 +237,36 @@ def test_a_step_that_no_chunk_can_carry_is_refused_where_it_is_made(
         shown(Wrong(CONFIG.play), 1)
 
 
+@pytest.mark.parametrize(
+    ("changed", "told"),
+    [
+        (
+            {"reward": None},
+            r"step\(\) of the environment lamps fails \(TypeError.*: mend its package",
+        ),
+        ({"observation": [1, 2]}, r"step\(\) of the environment lamps fails \(AttributeError"),
+        ({"info": 5}, r"step\(\) of the environment lamps fails \(TypeError"),
+        ({"game_score": None}, r"step\(\) of the environment lamps fails \(TypeError"),
+        ({"game_steps": math.nan}, r"step\(\) of the environment lamps fails \(ValueError"),
+        ({"game_score": math.nan}, r"the environment lamps gives the score nan: give a number"),
+        ({"game_score": 2e9}, r"the environment lamps gives the score 2000000000\.0: give a"),
+    ],
+)
+def test_a_step_that_is_malformed_is_refused_in_one_sentence(
+    changed: dict[str, Any], told: str
+) -> None:
+    class Wrong(Lamps):
+        def step(self, action: Any) -> Any:
+            observation, reward, *ends, info = super().step(action)
+            given = {"observation": observation, "reward": reward, "info": info} | changed
+            if given["info"] is info:
+                given["info"] = info | {key: changed[key] for key in changed.keys() & info.keys()}
+            return given["observation"], given["reward"], *ends, given["info"]
+
+    with pytest.raises(InputError, match=f"^{told}"):
+        shown(Wrong(CONFIG.play), 1)
+
+
 @pytest.mark.parametrize("number", [math.nan, math.inf, -2e9])
 def test_a_vector_that_no_chunk_can_carry_is_refused_where_it_is_made(number: float) -> None:
     class Wrong(Lamps):

@@ -74,7 +74,11 @@ def listed(capsys: pytest.CaptureFixture[str], *arguments: str) -> list[str]:
 
 @pytest.mark.parametrize(
     ("address", "state"),
-    [("tcp/127.0.0.1:7447", "at work"), ("tcp/h:1", "at work at tcp/h:1")],
+    [
+        ("tcp/127.0.0.1:7447", "at work"),
+        ("tcp/h:7447", "at work at tcp/h:7447"),
+        ("tcp/h:1", "at work at tcp/h:1"),
+    ],
 )
 def test_each_run_has_its_figures_and_its_state(
     runs: Path, capsys: pytest.CaptureFixture[str], address: str, state: str
@@ -161,6 +165,15 @@ def test_a_run_is_no_folder_of_runs(
         listed(capsys, run)
     with pytest.raises(InputError, match=r"^there is no folder elsewhere: name one that"):
         listed(capsys, "elsewhere")
+    Path("a_file").touch()
+    with pytest.raises(InputError, match=r"^there is no folder a_file"):
+        listed(capsys, "a_file")
+    for name in ("runs", "elsewhere"):  # runs of these names hide no folder
+        RunFolder(Path("runs"), name).path.mkdir()
+        RunFolder(Path("runs"), name).config_file.write_text("{}")
+    Path("elsewhere").mkdir()
+    assert listed(capsys, "elsewhere")[0].startswith("There are no runs in ")
+    assert len(listed(capsys)) > 6
 
 
 def test_runs_of_another_folder_are_asked_by_their_folder(

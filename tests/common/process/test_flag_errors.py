@@ -122,3 +122,10 @@ def test_settings_in_an_error_are_written_as_flags() -> None:
     with pytest.raises(InputError) as told, naming_flags():
         raise InputError("seed is -1: the seed is what a game begins with")
     assert str(told.value) == "--seed is -1: the seed is what a game begins with"
+
+
+@pytest.mark.parametrize("text", ["learning.n_steps: unknown", "camera.yawx is bad"])
+def test_a_name_that_only_begins_like_a_setting_stays(text: str) -> None:
+    with pytest.raises(InputError) as told, naming_flags():
+        raise InputError(text)
+    assert str(told.value) == text

@@ -11,7 +11,7 @@ from common.network import build_network
 from common.protocol.weights import encode_weights
 from common.run.config import RunConfig
 from common.run.folder import RunFolder
-from common.run.origin import SHIPPED, find_weights, origin_of, run_meant_by
+from common.run.origin import SHIPPED, find_weights, not_a_network, origin_of, run_meant_by
 from common.run.presets import PRESETS
 from common.run.stored_config import to_json
 
@@ -48,6 +48,21 @@ def test_the_network_of_a_run_that_lost_its_newest_is_the_one_before(tmp_path: P
     assert find_weights(run.path) == run.checkpoint
     with pytest.raises(InputError, match=rf"checkpoint\.safe.* is damaged .*: name {run.previous}"):
         origin_of(run.checkpoint)
+
+
+@pytest.mark.parametrize("name", ["checkpoint.previous", "snapshots/epoch-0001"])
+def test_only_the_newest_network_has_one_before_it(tmp_path: Path, name: str) -> None:
+    run = RunFolder(tmp_path, "r")
+    (run.path / "snapshots").mkdir(parents=True)
+    run.config_file.write_text(to_json(TRAINED))
+    run.previous.touch()
+    told = str(not_a_network(run.path / f"{name}.safetensors", ValueError("x")))
+    assert told.endswith(": name a .safetensors file.")
+
+
+def test_a_published_name_in_another_folder_is_not_the_published_policy() -> None:
+    with pytest.raises(InputError, match=r"^elsewhere/robot_pong does not exist"):
+        find_weights("elsewhere/robot_pong")
 
 
 def test_a_link_to_itself_is_no_file(tmp_path: Path) -> None:

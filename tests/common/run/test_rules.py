@@ -14,7 +14,7 @@ from common.registry import ENVIRONMENTS
 from common.run.conditions import PlayConfig
 from common.run.config import RunConfig
 from common.run.presets import PRESETS
-from common.run.rules import check_config
+from common.run.rules import check_chosen, check_config
 from replay.batch import SharedBatch
 from replay.messages import HeldOutStates
 from tests.common.run.test_config import changed
@@ -33,12 +33,23 @@ def test_a_vector_fits_into_a_chunk() -> None:
             check_config(changed(field, beyond, widest))
 
 
-@pytest.mark.parametrize("field", ["vector_commands", "vector_key_frames"])
-def test_the_parts_of_a_vector_mean_nothing_without_it(field: str) -> None:
-    config = changed(f"play.{field}", 20)
-    with pytest.raises(InputError, match=rf"^play.{field} is 20, which means .* play.vector: give"):
-        check_config(config)
-    check_config(changed("play.vector", True, config))
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        ("vector_commands", 20),
+        ("vector_key_frames", 20),
+        ("vector_forecast", 8),
+        ("vector_joints", False),
+    ],
+)
+def test_a_part_of_a_vector_is_not_chosen_without_it(field: str, value: object) -> None:
+    before = PRESETS["robot"]
+    config = changed(f"play.{field}", value, before)
+    with pytest.raises(InputError, match=rf"^play.{field} is {value}, which .* play.vector: give"):
+        check_chosen(before, config)
+    check_chosen(before, changed("play.vector", True, config))
+    check_config(config)  # a run that was stored with it
+    check_chosen(config, config)
 
 
 @pytest.mark.parametrize("drawn", [{}, {"before": Column(84, 84, drawn=True)}])
