@@ -1,6 +1,7 @@
 """What an actor shows to those who ask, and that nobody is shown anything unasked."""
 
 import threading
+import time
 from collections.abc import Iterator
 from concurrent.futures import Future
 from dataclasses import replace
@@ -62,9 +63,11 @@ class Stage:
 
     def steps(self, answer: Future[Envelope]) -> Iterator[Step]:
         """Play until the answer is there."""
+        until = time.monotonic() + PATIENCE
         for step in self._steps:
             if answer.done():
                 return
+            assert time.monotonic() < until, "nobody answers"
             self._views.show(step)
             yield step
 
