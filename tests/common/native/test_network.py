@@ -140,6 +140,24 @@ def test_two_backward_passes_are_the_same_to_the_last_bit(instruction_set: Instr
         assert all(torch.equal(*pair) for pair in zip(each, found[0], strict=True))
 
 
+def test_the_backward_pass_may_have_more_threads_than_the_forward_pass(
+    instruction_set: InstructionSet,
+) -> None:
+    network = whole_network(3)
+    found = []
+    for threads in (1, 3):
+        native = NativeQNetwork(network, instruction_set)
+        network.zero_grad()
+        with torch_threads(1):
+            units = native.hidden_units(whole_frames(6), torch.zeros(6, 0))
+            units.sum().backward()  # type: ignore[no-untyped-call]
+        with torch_threads(threads):
+            native.backward()
+        found.append(gradients_of(network))
+    for ours, theirs in zip(*found, strict=True):
+        torch.testing.assert_close(ours, theirs)  # three shares of the states are added up
+
+
 @pytest.mark.parametrize("differences", [False, True])
 @pytest.mark.parametrize("center", [False, True])
 def test_pixels_are_those_of_pytorch_in_blocks(

@@ -173,6 +173,18 @@ def test_the_compiled_step_is_pytorchs(
 
 
 @pytest.mark.usefixtures("only_compiled")
+def test_short_gradients_are_scaled_as_by_pytorch(native: InstructionSet) -> None:
+    means = []
+    for kind in (native, None):
+        weight = nn.Parameter(torch.zeros(64))
+        optimizer = BoundedOptimizer([weight], replace(ADAM, gradient_norm=1e-6), kind)
+        weight.grad = torch.full_like(weight, 2e-6 / 8)  # a norm of 2e-6
+        optimizer.step(torch.tensor(1.0))
+        means.append(optimizer.state()["optimizer.0.exp_avg"])
+    torch.testing.assert_close(*means, rtol=1e-4, atol=0.0)
+
+
+@pytest.mark.usefixtures("only_compiled")
 @pytest.mark.parametrize("config", [ADAM, RMSPROP])
 def test_the_compiled_step_is_that_of_the_formula(
     config: LearningConfig, native: InstructionSet
