@@ -70,6 +70,15 @@ def test_two_quantiles_by_hand(losses_of: Losses) -> None:
     assert predicted.grad.tolist() == [pytest.approx([0.3125, 0.1875])]
 
 
+def test_what_is_not_a_number_stays_none(losses_of: Losses) -> None:
+    predicted = tensor([[0.0, math.nan], [0.0, 1.0]], requires_grad=True)
+    loss = losses_of(predicted, tensor([[0.5, -2.0], [0.5, -2.0]]))
+    assert loss.isnan().tolist() == [True, False]
+    loss.sum().backward()  # type: ignore[no-untyped-call]
+    assert predicted.grad is not None
+    assert predicted.grad.isnan().tolist() == [[False, True], [False, False]]
+
+
 finite = st.floats(-4, 4, width=32)
 
 
