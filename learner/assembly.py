@@ -127,7 +127,6 @@ def build_learner(
             now=clock.now,
         ),
         clock=clock,
-        join=join_command(options),
         stop=stop,
     )
     rows, resumed_at = 0, None

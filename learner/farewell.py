@@ -30,8 +30,6 @@ class Farewell:
     look: Callable[[], None]
     """Takes in what happened in other processes."""
     say: Callable[[str], None]
-    join: str
-    """Command that starts a process of the run, without its role."""
     now: Now
     stop: threading.Event
 
@@ -47,7 +45,7 @@ class Farewell:
             # Local mode without evaluators was asked for.
             self.say(
                 "There is no evaluator, so epochs stay untested: start one before the learner next "
-                f"time, by `{self.join} --evaluator --patience inf`."
+                f"time, by `{self.evaluation.join} --evaluator --patience inf`."
             )
         self._look_while(
             lambda: self.evaluation.pending and self._evaluator_expected(),

@@ -67,8 +67,6 @@ class Learner:
     telemetry: Telemetry
     guard: HealthGuard
     clock: RunClock
-    join: str
-    """Command that starts a process of the run, without its role."""
     stop: threading.Event
     """Set from outside to end the run, and from inside when the guard ends it."""
 
@@ -361,7 +359,6 @@ class Learner:
             self._children,
             look=self._look,
             say=self.telemetry.say,
-            join=self.join,
             now=self.clock.now,
             stop=self.stop,
         )

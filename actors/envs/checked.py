@@ -106,17 +106,17 @@ class CheckedEnv(gymnasium.Wrapper[Any, Any, Any, Any], ShownEnv[Any, Any]):
         with foreign(f"step() of {self._name}"):
             observation, reward, terminated, truncated, info = self.env.step(action)
             before, frames = self._frames, self._checked(observation)
-            told, size = StepInfo.of(info), abs(float(reward))
+            told = StepInfo.of(info)
+            numbers = {"reward": float(reward), "score": told.game_score}
         if (frames[:-1] != before[1:]).any():
             raise InputError(
                 f"{self._name} changes older frames of a state: keep them and append the new one, "
                 "as the replay will."
             )
-        for what, number in (("reward", size), ("score", abs(told.game_score))):
-            if not number <= MAX_SIZE:  # nor NaN
-                given = reward if what == "reward" else told.game_score
+        for what, number in numbers.items():
+            if not abs(number) <= MAX_SIZE:  # nor NaN
                 raise InputError(
-                    f"{self._name} gives the {what} {given}: give a number within ±{MAX_SIZE:g}."
+                    f"{self._name} gives the {what} {number}: give a number within ±{MAX_SIZE:g}."
                 )
         if not 1 <= told.elapsed <= MAX_ELAPSED:
             raise InputError(

@@ -72,11 +72,11 @@ class LiveViews:
             return
         with self._lock:
             self._drop_what_nobody_awaits()
-            of_step = [each for each in self._waiting if each.asked.stream == step.stream]
-            if not of_step:
+            of_step = (each for each in self._waiting if each.asked.stream == step.stream)
+            if (first := next(of_step, None)) is None:
                 return
-            self._waiting.remove(of_step[0])
-        of_step[0].request.reply(self._view(step, of_step[0].asked.viewpoint).encode())
+            self._waiting.remove(first)
+        first.request.reply(self._view(step, first.asked.viewpoint).encode())
         ended = time.monotonic()
         self._next = ended + max(_PERIOD, _REST * (ended - began))
 

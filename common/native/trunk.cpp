@@ -544,7 +544,7 @@ class Trunk {
                     sums.write(d_features + i * FEATURES + panel * TILE, FEATURES);
                 }
                 for (long n = 0; n < HIDDEN; n += ROWS) {
-                    for (int r = 0; r < ROWS; r++)
+                    for (int r = 0; r < ROWS; r++)  // of the panel after this one
                         __builtin_prefetch(weights_.dense[n + r] + (panel + 1) * TILE);
                     Sums<ROWS> sums;
                     sums.start_at_zero();

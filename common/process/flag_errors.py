@@ -42,10 +42,9 @@ def naming_flags() -> Iterator[None]:
         raise InputError(told, error.exit_code) from None
 
 
-_IN_GROUPS = "|".join(
-    re.escape(name) for name in sorted(flat(RunConfig()), key=len, reverse=True) if "." in name
-)
-_FIRST = "|".join(name for name in flat(RunConfig()) if "." not in name)
+_NAMES = sorted(flat(RunConfig()), key=len, reverse=True)
+_IN_GROUPS = "|".join(re.escape(name) for name in _NAMES if "." in name)
+_FIRST = "|".join(name for name in _NAMES if "." not in name)
 _SETTING = rf"(?<![\w./-])(?:{_IN_GROUPS})(?!\w|\.\w)|^(?:{_FIRST})(?= is )"
 """A setting: in a group, with its group, or at the beginning of a sentence."""
 _WITH_COMMAS = r"'(\d+(?:,\d{3})+)'"

@@ -36,7 +36,6 @@ class End(threading.Event):
             *(evaluation, registry, children),
             look=lambda: self.look(),
             say=self.said.append,
-            join="ale-robot join --connect tcp/h:1",
             now=lambda: self.now,
             stop=self,
         )

@@ -284,6 +284,7 @@ class World:
                 finish=lambda: self.log.append("evaluators may leave"),
                 steps_left=0,
                 reports=0,
+                join="ale-robot join --connect tcp/h:1",
             ),
             "registry": SimpleNamespace(
                 alive=lambda role: self.actors if role == "actor" else self.evaluators,
@@ -326,7 +327,6 @@ class World:
                 *(5.0, stall_minutes, 4), force=force, warn=self.said.append, now=lambda: self.now
             ),
             clock=clock,
-            join="ale-robot join --connect tcp/h:1",
             stop=self.stop,
             **parts,
         )
