@@ -17,7 +17,7 @@ if __name__ == "__main__":
 import sys
 
 from actors.options import ActorOptions
-from common.process.command_line import parse
+from common.command_line.parser import parse
 from common.process.log_lines import say_json
 from common.process.program_end import exit_on_input_error
 

@@ -8,7 +8,7 @@ Dabney, Ostrovski and Barreto 2021, "Temporally-extended ε-greedy exploration")
 import numpy as np
 from numpy.typing import NDArray
 
-from common.run.config import ExplorationConfig
+from common.settings.config import ExplorationConfig
 
 GREEDY = -1
 _DURATIONS = np.arange(4, 13)

@@ -29,14 +29,14 @@ from actors.envs.clock import FRAME
 from actors.game_recorder import GameRecorder
 from actors.loop import play, seeds_of
 from actors.policy import Policy
+from common.command_line.parser import parse
 from common.errors import InputError
-from common.process.command_line import parse
-from common.process.exit_codes import FAILED
+from common.exit_codes import FAILED
 from common.process.lifeline import on_signals
 from common.process.program_end import exit_on_input_error
 from common.run.clock import ClockConfig
-from common.run.config import RunConfig
-from common.run.stored_config import from_mapping
+from common.settings.config import RunConfig
+from common.settings.stored_config import from_mapping
 
 
 @dataclass(frozen=True)

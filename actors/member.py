@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from common.errors import Unreachable
 from common.process.log_lines import say_aside
 from common.protocol.run_keys import RunKeys
-from common.run.config import RunConfig
+from common.settings.config import RunConfig
 from common.transport.interface import Transport
 from common.transport.signature import Check, unchecked
 

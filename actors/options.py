@@ -8,12 +8,12 @@ import tyro
 from annotated_types import Ge, Le
 
 from common.checked import Patience
+from common.endpoint import DEFAULT_ENDPOINT
 from common.errors import InputError
 from common.native.kernel import KernelChoice, PrecisionChoice
 from common.pinned_file import path_of
 from common.run.clock import ClockConfig
-from common.run.config import MAX_ENVS, RunConfig, Seed
-from common.transport.endpoint import DEFAULT_ENDPOINT
+from common.settings.config import MAX_ENVS, RunConfig, Seed
 
 
 @dataclass(frozen=True)

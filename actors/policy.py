@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from actors.exploration import GREEDY, Exploration
-from common.run.config import ExplorationConfig, RunConfig
+from common.settings.config import ExplorationConfig, RunConfig
 
 if TYPE_CHECKING:
     from common.network import QNetwork
@@ -45,13 +45,13 @@ class Policy:
             InputError: the file cannot be read, or does not fit ``config``.
         """
         from common.network import build_network
-        from common.protocol.weights import load_weights_file
+        from common.run.network_file import load_network_file
 
         actions = config.action_count
         policy = cls(build_network(config, actions), actions, np.random.default_rng(seed))
         if weights is not None:
             what = f"{config.played} with {actions} actions"
-            load_weights_file(policy.network, weights, what)
+            load_network_file(policy.network, weights, what)
             policy.epsilon = epsilon
         return policy
 

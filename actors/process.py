@@ -27,8 +27,8 @@ from common.process.lifeline import on_signals
 from common.process.service_manager import tell
 from common.process.threads import end_with_any_thread
 from common.protocol.run_keys import DEMONSTRATIONS, check_name
-from common.run.config import RunConfig
 from common.run.join import find_run, patiently
+from common.settings.config import RunConfig
 from common.transport.chosen import connect
 from common.transport.credentials import check_certificates, own_name
 from common.transport.signature import checker

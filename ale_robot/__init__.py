@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from ale_robot.policy import TrainedPolicy, evaluate, load_policy
     from common.errors import InputError
-    from common.run.conditions import CameraConfig, PlayConfig
+    from common.settings.conditions import CameraConfig, PlayConfig
 
 __all__ = [
     "CameraConfig",
@@ -49,7 +49,7 @@ if _by_module or Path(sys.argv[0]).name == "ale-robot":  # the imports below pre
 from ale_robot.environments import env_id  # noqa: E402
 from common.version import VERSION as __version__  # noqa: E402
 
-_SETTINGS = "common.run.conditions"
+_SETTINGS = "common.settings.conditions"
 
 
 def __getattr__(name: str) -> Any:

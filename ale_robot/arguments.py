@@ -5,7 +5,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from common.errors import InputError
-from common.run.stored_config import from_mapping
+from common.settings.stored_config import from_mapping
 
 T = TypeVar("T")
 

@@ -13,8 +13,8 @@ from actors.vision.layout import ASPECT
 from ale_robot.arguments import check_settings
 from common.errors import InputError
 from common.run.clock import ClockConfig
-from common.run.config import RunConfig
 from common.run.rules import check_play
+from common.settings.config import RunConfig
 from viewer.terminal.rendering import TerminalRendering
 
 

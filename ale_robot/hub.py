@@ -22,9 +22,9 @@ from ale_robot.model_card import model_card
 from ale_robot.policies import list_policies
 from common.atomic_file import write_atomically, write_json
 from common.checked import NAME
+from common.command_line.parser import parse
 from common.errors import InputError
-from common.process.command_line import parse
-from common.process.exit_codes import UNREACHABLE
+from common.exit_codes import UNREACHABLE
 from common.process.extras import check_extra, extra_for
 from common.regular_file import read_file
 from common.run.origin import find_weights

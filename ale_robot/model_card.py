@@ -9,7 +9,7 @@ from common.minus import minus_signed
 from common.press_latency import ms_of
 from common.process.extras import extra_for
 from common.registry import ENVIRONMENTS
-from common.run.config import RunConfig
+from common.settings.config import RunConfig
 
 _TEXT = """
 # {name}: {game} by {how}

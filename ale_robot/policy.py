@@ -16,15 +16,15 @@ from actors.envs.observation import NO_VECTOR, Observation
 from actors.policy import Policy
 from ale_robot.arguments import check_argument, check_settings
 from common.checked import Count, Fraction, FromOne
+from common.command_line.played import settings_of
 from common.errors import InputError
-from common.process.played import settings_of
 from common.protocol.step_fields import FRAME_SHAPE
 from common.run.clock import ClockConfig
-from common.run.conditions import CameraConfig, PlayConfig
-from common.run.config import RunConfig, Seed
-from common.run.fit import as_argument, check_fit
 from common.run.origin import find_weights, name_of, origin_of
 from common.run.rules import check_chosen, check_play
+from common.settings.conditions import CameraConfig, PlayConfig
+from common.settings.config import RunConfig, Seed
+from common.settings.fit import as_argument, check_fit
 from learner.evaluation import offline
 from learner.evaluation.options import EPSILON, GAMES, EvaluationOptions
 

@@ -20,7 +20,7 @@ from actors.envs.step_info import StepInfo
 from benchmarks.entry_point import add_entry_point
 from common.registry import ENVIRONMENTS, Environment
 from common.run.clock import ClockConfig
-from common.run.config import RunConfig
+from common.settings.config import RunConfig
 
 CELLS = 7
 CELL = 84 // CELLS

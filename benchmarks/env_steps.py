@@ -26,9 +26,9 @@ from benchmarks.pace import Spread, in_turns
 from benchmarks.report import BenchmarkOptions, Report, main
 from common.checked import FromOne
 from common.run.clock import ClockConfig
-from common.run.conditions import CameraConfig
-from common.run.presets import PRESETS
 from common.run.rules import check_config
+from common.settings.conditions import CameraConfig
+from common.settings.presets import PRESETS
 
 Kind = Literal["robot_sync", "robot_wait", "ale"]
 

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 from benchmarks.local_run import LocalRun, Pace, Setting
 from benchmarks.report import Report, Seconds, main
 from common.run.epochs import epochs_per_day
-from common.run.presets import PRESETS
+from common.settings.presets import PRESETS
 
 _DAY = 86_400
 _REPORT = PRESETS["paper"].protocol

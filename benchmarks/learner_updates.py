@@ -33,8 +33,8 @@ from common.native.kernel import instruction_sets
 from common.native.library import multiplies_bfloat16
 from common.network import build_network
 from common.process.allocator import keep_large_blocks
-from common.run.config import RunConfig
-from common.run.presets import PRESETS
+from common.settings.config import RunConfig
+from common.settings.presets import PRESETS
 from learner.algorithm.interface import Algorithm, DeviceBatch, build_algorithm
 from learner.device import Device, DeviceChoice, choose_device
 from learner.prefetch import to_device

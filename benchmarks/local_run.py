@@ -21,10 +21,10 @@ from benchmarks.child import cpu_seconds, stat_of
 from benchmarks.hosted_run import NEVER, HostedRun
 from benchmarks.report import BenchmarkOptions
 from common.checked import FromOne
-from common.process.run_options import parse_run
+from common.command_line.run_options import parse_run
 from common.protocol.actor_stats import ActorStats
 from common.run.clock import ClockConfig
-from common.run.config import PresetName
+from common.settings.config import PresetName
 from common.transport.interface import Envelope
 from learner.options import LearnerOptions, stored_config
 from replay.chunk_statistics import ChunkStatistics

@@ -18,7 +18,7 @@ from benchmarks.report import BenchmarkOptions, Numbers, Report, Seconds, main
 from benchmarks.second_router import second_router
 from common.checked import FromOne
 from common.process.footprint import footprint
-from common.run.conditions import DEFAULT_PLAY
+from common.settings.conditions import DEFAULT_PLAY
 
 STEPS_PER_SECOND = round(DEFAULT_PLAY.steps_per_second)
 """Agent steps per second of a robot in real time."""

@@ -8,8 +8,8 @@ import ale_py
 import gymnasium
 import torch
 
-from common.run.config import RunConfig
-from common.run.presets import PRESETS
+from common.settings.config import RunConfig
+from common.settings.presets import PRESETS
 
 _WARM_UP = 256
 _ENDLESS = 10**9

@@ -10,7 +10,7 @@ from torch import nn
 from torch.nn.functional import smooth_l1_loss
 
 from common.network import build_network
-from common.run.presets import PRESETS
+from common.settings.presets import PRESETS
 from learner.algorithm.interface import DeviceBatch, build_algorithm
 from learner.device import choose_device
 from learner.prefetch import to_device

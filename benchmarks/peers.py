@@ -28,7 +28,7 @@ from benchmarks.report import BenchmarkOptions, Report, Seconds, main
 from common.checked import FromOne
 from common.counted import counted
 from common.errors import InputError
-from common.run.config import PresetName
+from common.settings.config import PresetName
 
 Subject = Literal["training", "replay", "update"]
 

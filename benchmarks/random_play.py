@@ -7,7 +7,7 @@ from actors.envs import make_env
 from actors.loop import play
 from actors.policy import Policy
 from actors.stream.chunker import Chunker
-from common.run.config import RunConfig
+from common.settings.config import RunConfig
 from replay.replay_buffer import ReplayBuffer
 
 

@@ -27,8 +27,8 @@ from common.checked import FromOne
 from common.errors import InputError, writing
 from common.process.footprint import footprint
 from common.protocol.chunk import Chunk
-from common.run.config import ReplayConfig, RunConfig, StreamConfig
-from common.run.presets import PRESETS
+from common.settings.config import ReplayConfig, RunConfig, StreamConfig
+from common.settings.presets import PRESETS
 from replay.batch import Batch
 from replay.replay_buffer import ReplayBuffer
 

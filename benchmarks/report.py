@@ -20,8 +20,8 @@ from rich.table import Table as RichTable
 from benchmarks.child import run_program
 from common.atomic_file import write_json
 from common.checked import FromOne
+from common.command_line.parser import parse
 from common.errors import InputError, writing
-from common.process.command_line import parse
 from learner.telemetry.provenance import check_results_file, machine_line, provenance
 
 Numbers = Annotated[tuple[FromOne, ...], MinLen(1)]

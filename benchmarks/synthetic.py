@@ -8,7 +8,7 @@ import numpy as np
 
 from common.protocol.chunk import Chunk
 from common.protocol.step_fields import FRAME_SHAPE, zero_steps
-from common.run.config import RunConfig
+from common.settings.config import RunConfig
 
 _GAME_STEPS = 500
 _POOL = 16

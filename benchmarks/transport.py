@@ -14,7 +14,7 @@ from benchmarks.hosted_run import NEVER, RUN, HostedRun
 from benchmarks.report import BenchmarkOptions, Report, Seconds, main
 from common.checked import FromOne
 from common.counted import counted
-from common.run.config import LearningConfig, StreamConfig
+from common.settings.config import LearningConfig, StreamConfig
 
 
 @dataclass(frozen=True)

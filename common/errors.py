@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from difflib import get_close_matches
 from pathlib import Path
 
-from common.process.exit_codes import BAD_INPUT, NO_ROOM, UNREACHABLE
+from common.exit_codes import BAD_INPUT, NO_ROOM, UNREACHABLE
 
 NO_ROOM_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EROFS)
 """Errors of a disk that is full or read-only, which may pass."""

@@ -14,7 +14,7 @@ from torch.nn.functional import conv2d, relu
 
 from common.protocol.step_fields import FRAME_SHAPE
 from common.registry import ALGORITHMS, resolve
-from common.run.config import InitialWeights, LearningConfig, NetworkName, RunConfig
+from common.settings.config import InitialWeights, LearningConfig, NetworkName, RunConfig
 
 
 class Layers(NamedTuple):

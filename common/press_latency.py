@@ -19,7 +19,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from common.run.conditions import FRAMES_PER_SECOND
+from common.settings.conditions import FRAMES_PER_SECOND
 
 MAX_FRAMES = 30
 """Maximum number of frames for which a command is watched: half a second."""

@@ -22,7 +22,7 @@ within [-1, 1].
 from typing import NamedTuple
 
 from common.actions import KEYS_OF_ACTION, Keys
-from common.run.conditions import PlayConfig
+from common.settings.conditions import PlayConfig
 
 MAX_VECTOR = 1_024
 """Maximum number of components."""

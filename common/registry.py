@@ -26,10 +26,10 @@ from common.errors import InputError, choice
 from common.games import MINIMAL_ACTIONS, check_game
 from common.pinned_file import path_of
 from common.proprioception import vector_width
-from common.run.conditions import SETTINGS_OF_A_ROBOT, LatencyModelSettings, PlayConfig
+from common.settings.conditions import SETTINGS_OF_A_ROBOT, LatencyModelSettings, PlayConfig
 
 if TYPE_CHECKING:
-    from common.run.config import LearningConfig, PresetName, RunConfig
+    from common.settings.config import LearningConfig, PresetName, RunConfig
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class Entry:
     factory: str | Callable[..., Any]
     """The callable that makes it, or its place as ``"module:factory"``."""
     settings: type | None = field(default=None, kw_only=True)
-    """Dataclass of the settings that it declares for itself (`common.run.own_settings`)."""
+    """Dataclass of the settings that it declares for itself (`common.settings.own_settings`)."""
 
 
 @dataclass(frozen=True)

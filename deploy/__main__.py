@@ -16,8 +16,8 @@ if __name__ == "__main__":
 import sys
 from importlib import import_module
 
+from common.command_line.parser import parse
 from common.errors import InputError
-from common.process.command_line import parse
 from common.process.extras import extra_for
 from common.process.program_end import exit_on_input_error
 from deploy.description import LaunchOptions, describe

@@ -2,8 +2,8 @@
 
 import shlex
 
+from common.endpoint import DEFAULT_PORT
 from common.process.http_endpoints import HTTP_PORT
-from common.transport.endpoint import DEFAULT_PORT
 from deploy.description import Program, RunDescription
 
 _RUNS = "/runs"

@@ -12,12 +12,12 @@ import tyro
 from annotated_types import Ge, Gt, Le
 
 from common.checked import Count, FromOne
+from common.command_line.run_options import parse_run
 from common.errors import InputError
-from common.process.run_options import parse_run
 from common.run.clock import ClockConfig
 from common.run.folder import JOURNAL, RunFolder
-from common.run.presets import PRESETS
-from common.run.stored_config import flag_of, flat
+from common.settings.presets import PRESETS
+from common.settings.stored_config import flag_of, flat
 from common.transport.access_control import MAX_SESSIONS
 from common.transport.leaky_bucket import ACTOR_QUOTA
 from learner.options import MAX_THREADS, LearnerOptions, resume_flags, run_name, stored_config

@@ -7,9 +7,9 @@ choose a free port first.
 import sys
 from contextlib import suppress
 
+from common.endpoint import check_free
 from common.errors import InputError
 from common.process.program_end import exit_on_input_error
-from common.transport.endpoint import check_free
 
 PORTS = range(20_000, 30_000)
 """Ports for hubs; neither Ray nor Linux assigns them to other programs."""

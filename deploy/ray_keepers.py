@@ -19,7 +19,7 @@ import ray
 from ray.exceptions import RayError
 
 from common.atomic_file import append_whole
-from common.process.exit_codes import BAD_INPUT
+from common.exit_codes import BAD_INPUT
 from common.process.restarts import end_with_parent
 from common.process.supervisor import Child
 from common.run.folder import Part, RunFolder

@@ -11,7 +11,7 @@ import sys
 from pathlib import Path
 
 from common.errors import InputError, writing
-from common.process.exit_codes import FINAL, UNREACHABLE
+from common.exit_codes import FINAL, UNREACHABLE
 from deploy.certificates import certify_actors
 from deploy.description import Program, RunDescription
 from deploy.engine_files import write_files

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from common.metrics import METRICS, Metric
 from common.run.epochs import EpochRow
-from common.run.meanings import docstrings
+from common.settings.meanings import docstrings
 from docs.settings import row
 
 PAGE = Path(__file__).with_name("metrics.md")

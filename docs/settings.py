@@ -9,19 +9,19 @@ from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any, get_type_hints
 
-from common.run.config import RunConfig
-from common.run.meanings import bounds, docstrings, one_line
-from common.run.presets import PRESETS
+from common.settings.config import RunConfig
+from common.settings.meanings import bounds, docstrings, one_line
+from common.settings.presets import PRESETS
 
 PAGE = Path(__file__).with_name("settings.md")
 _HEAD = """\
 # Settings
 
 Written by `python -m docs.settings` from `config.py`, `conditions.py` and `ranges.py` in
-`common/run`; a test compares them. Each setting is a flag of `ale-robot train`, and a line of a
-`--config` file. The columns on the right are the values of `--preset paper`, `fast`, `robot` and
-`frugal`; [presets.py](../common/run/presets.py) gives the reason for each. Flags that belong to a
-process and not to the run are with
+`common/settings`; a test compares them. Each setting is a flag of `ale-robot train`, and a line of
+a `--config` file. The columns on the right are the values of `--preset paper`, `fast`, `robot` and
+`frugal`; [presets.py](../common/settings/presets.py) gives the reason for each. Flags that belong
+to a process and not to the run are with
 [several machines](../deploy/README.md#the-learners-flags-of-operation).
 """
 _COLUMNS = f"| flag | values | meaning | {' | '.join(PRESETS)} |"

@@ -17,11 +17,11 @@ import sys
 from collections.abc import Sequence
 from functools import partial
 
-from common.process.first_flags import read_first
+from common.command_line.first_flags import read_first
+from common.command_line.run_options import parse_run
 from common.process.log_lines import say, say_json
 from common.process.program_end import exit_on_input_error
 from common.process.restarts import with_restarts
-from common.process.run_options import parse_run
 from learner import status
 from learner.evaluation import __main__ as evaluation
 from learner.options import LearnerOptions, opening, stored_config

@@ -8,7 +8,7 @@ from common.metrics import Values
 from common.protocol.run_keys import RunKeys, replay_of
 from common.run.epochs import EpochTable
 from common.run.folder import RunFolder
-from common.run.stored_config import flat
+from common.settings.stored_config import flat
 from common.transport.interface import Transport
 from common.transport.signature import Sign
 from learner.algorithm.interface import Algorithm

@@ -21,9 +21,9 @@ from typing import Annotated
 
 import tyro
 
+from common.command_line.parser import parse
 from common.errors import InputError, writing
-from common.process.command_line import parse
-from common.process.exit_codes import INTERRUPTED
+from common.exit_codes import INTERRUPTED
 from common.process.lifeline import on_signals
 from common.process.program_end import exit_on_input_error
 from common.process.progress import Progress

@@ -20,8 +20,8 @@ from torch import Tensor
 from common.atomic_file import has_room, write_atomically
 from common.crc32 import crc32
 from common.errors import InputError
-from common.run.config import RunConfig
 from common.run.origin import origin_metadata
+from common.settings.config import RunConfig
 from learner.algorithm.interface import Algorithm
 
 _ROOM = 2

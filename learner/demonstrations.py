@@ -34,10 +34,10 @@ from common.protocol.actor_stats import ActorStats
 from common.protocol.chunk import Chunk
 from common.protocol.run_keys import DEMONSTRATIONS, RunKeys
 from common.regular_file import read_file
-from common.run.config import RunConfig
-from common.run.fit import VECTOR_SETTINGS
 from common.run.folder import RunFolder
-from common.run.stored_config import flat
+from common.settings.config import RunConfig
+from common.settings.fit import VECTOR_SETTINGS
+from common.settings.stored_config import flat
 from common.transport.interface import Envelope, Transport
 from common.transport.requests import Window
 from replay.interface import Replay

@@ -10,7 +10,7 @@ from common.process.http_endpoints import http_endpoints
 from common.protocol.run_keys import RunKeys
 from common.run.folder import RunFolder
 from common.run.join import find_run, patiently
-from common.run.stored_config import differences
+from common.settings.stored_config import differences
 from common.transport.chosen import connect, open_hub
 from common.transport.flood_guard import tolerated
 from common.transport.interface import Transport, Unanswered

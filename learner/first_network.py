@@ -7,12 +7,13 @@ import torch
 from common.errors import InputError
 from common.network import QNetwork, build_network
 from common.proprioception import VectorWidths, vector_widths
-from common.protocol.weights import encode_weights, load_weights_file
+from common.protocol.weights import encode_weights
 from common.registry import ENVIRONMENTS, ROBOTS
-from common.run.config import RunConfig
-from common.run.fit import check_fit
 from common.run.folder import RunFolder
+from common.run.network_file import load_network_file
 from common.run.origin import origin_of
+from common.settings.config import RunConfig
+from common.settings.fit import check_fit
 from learner.options import LearnerOptions
 
 
@@ -58,10 +59,10 @@ def read_network(file: Path, config: RunConfig) -> QNetwork:
     check_fit(file, trained, config, vector=told is None)
     network = _fresh(config)
     if trained is None or told is None:
-        load_weights_file(network, file, "this run")
+        load_network_file(network, file, "this run")
         return network
     found = _fresh(config, vector_width=trained.vector_width)
-    load_weights_file(found, file, "this run")
+    load_network_file(found, file, "this run")
     weights = found.state_dict()
     of_found = weights["hidden.weight"]
     pixels = of_found.shape[1] - trained.vector_width

@@ -8,12 +8,12 @@ from datetime import datetime
 from typing import Any, Literal, Self
 
 from common.checked import MAX_COUNT
+from common.endpoint import DEFAULT_ENDPOINT
 from common.metrics import METRICS, Metric, Value
 from common.regular_file import read_file
 from common.run.folder import RUNS, RunFolder
 from common.run.newest_learner import Ended, NewestLearner
 from common.strict_json import strict
-from common.transport.endpoint import DEFAULT_ENDPOINT
 from learner.telemetry.formats import fill, played, scores
 
 

@@ -14,23 +14,23 @@ from annotated_types import Ge, Gt, Le
 from pydantic import AllowInfNan
 
 from common.checked import Amount, Count, Patience
+from common.command_line.parser import started_by, without_flags
+from common.command_line.run_options import RunOptions
+from common.endpoint import DEFAULT_ENDPOINT, check_endpoint, from_here
 from common.errors import InputError
 from common.metrics import Value
 from common.native.kernel import KernelChoice, PrecisionChoice
-from common.process.command_line import started_by, without_flags
 from common.process.extras import check_extra
 from common.process.http_endpoints import check_address
 from common.process.log_lines import LOADING
-from common.process.run_options import RunOptions
 from common.registry import ALGORITHMS, SAMPLERS
 from common.run.clock import ClockConfig
-from common.run.config import MAX_ENVS, RunConfig
 from common.run.folder import Part, RunFolder
-from common.run.presets import PRESETS
-from common.run.ranges import NOTHING_DRAWN
+from common.settings.config import MAX_ENVS, RunConfig
+from common.settings.presets import PRESETS
+from common.settings.ranges import NOTHING_DRAWN
 from common.transport.access_control import MAX_SESSIONS
 from common.transport.credentials import check_certificates
-from common.transport.endpoint import DEFAULT_ENDPOINT, check_endpoint, from_here
 from learner.device import DeviceChoice
 from learner.telemetry.sinks.tracker import TRACKERS
 

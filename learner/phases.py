@@ -9,9 +9,9 @@ import numpy as np
 
 from common.metrics import Value
 from common.protocol.run_keys import DEMONSTRATIONS
-from common.run.config import RunConfig
 from common.run.epochs import EpochRow
-from common.run.hands import keys_can_follow, latest_play
+from common.settings.config import RunConfig
+from common.settings.hands import keys_can_follow, latest_play
 from learner.evaluation.coordinator import EpochTest
 from learner.faulty_environments import FaultyEnvironments
 from learner.run_clock import RunClock

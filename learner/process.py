@@ -10,16 +10,16 @@ from functools import partial
 import torch
 
 from common.atomic_file import write_atomically
+from common.endpoint import from_here
+from common.exit_codes import RED
 from common.network import QNetwork
 from common.process.allocator import keep_large_blocks
-from common.process.exit_codes import RED
 from common.process.lifeline import on_signals
 from common.process.log_lines import kept_log, say, say_aside
 from common.process.threads import end_with_any_thread
-from common.protocol.weights import encode_weights
 from common.run.folder import RunFolder
+from common.run.network_file import encode_network_file
 from common.run.newest_learner import Ended, NewestLearner
-from common.transport.endpoint import from_here
 from common.transport.signature import signer
 from learner.algorithm.interface import build_algorithm
 from learner.assembly import build_learner
@@ -132,7 +132,7 @@ def _write_beginning(
         folder.initial.unlink(missing_ok=True)
         folder.demonstrations.unlink(missing_ok=True)
     if options.initial is not None:
-        write_atomically(folder.initial, encode_weights(network, options.config))
+        write_atomically(folder.initial, encode_network_file(network, options.config))
     if demonstrations is not None:
         write_atomically(folder.demonstrations, demonstrations.begun.encode())
 

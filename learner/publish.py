@@ -21,17 +21,18 @@ import tyro
 
 from common.atomic_file import check_new_file, write_atomically, write_json
 from common.checked import FromOne
+from common.command_line.parser import parse
 from common.crc32 import crc32
 from common.errors import InputError, MessageError, writing
+from common.exit_codes import INTERRUPTED
 from common.network import QNetwork, build_network, count_actions_of
-from common.process.command_line import parse
-from common.process.exit_codes import INTERRUPTED
 from common.process.lifeline import on_signals
 from common.process.program_end import exit_on_input_error
-from common.protocol.weights import decode_weights, encode_weights, set_weights
+from common.protocol.weights import decode_weights, set_weights
 from common.run.clock import ClockConfig
-from common.run.config import RunConfig
 from common.run.folder import RunFolder
+from common.run.network_file import encode_network_file
+from common.settings.config import RunConfig
 from learner.evaluation.offline import evaluate
 from learner.evaluation.options import GAMES, EvaluationOptions
 from learner.evaluation.snapshots import Snapshots
@@ -89,7 +90,7 @@ def publish(options: Options, stop: threading.Event) -> dict[str, Any]:
             raise InputError(f"{file} is there already: add --replace, or name another.")
         check_new_file(file)  # before the games, not after them
     config, network, card = _trained(options, folder)
-    published = encode_weights(network, config, torch.float16)
+    published = encode_network_file(network, config, torch.float16)
     card["sha256"] = hashlib.sha256(published).hexdigest()
     asked = EvaluationOptions(headline=True, games=options.games)
     with tempfile.TemporaryDirectory() as place:

@@ -12,12 +12,12 @@ from rich import box
 from rich.console import Console
 from rich.table import Column, Table
 
+from common.command_line.parser import parse
+from common.endpoint import DEFAULT_ENDPOINT
 from common.errors import InputError
-from common.process.command_line import parse
 from common.process.program_end import exit_on_input_error
 from common.run.folder import RUNS, RunFolder
 from common.strict_json import dumps
-from common.transport.endpoint import DEFAULT_ENDPOINT
 from learner.folder_report import FolderReport
 from learner.telemetry.formats import UNKNOWN, figure, one_line, played
 

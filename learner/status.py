@@ -13,10 +13,11 @@ from rich.console import Console
 from rich.table import Table
 
 from common.checked import Patience
+from common.command_line.parser import parse
+from common.endpoint import DEFAULT_ENDPOINT
 from common.errors import InputError, MessageError, Unreachable
+from common.exit_codes import DONE, FAILED, UNREACHABLE
 from common.metrics import METRICS
-from common.process.command_line import parse
-from common.process.exit_codes import DONE, FAILED, UNREACHABLE
 from common.process.program_end import exit_on_input_error
 from common.protocol.run_keys import RunKeys
 from common.protocol.run_status import RunStatus
@@ -25,7 +26,6 @@ from common.run.join import find_run
 from common.run.newest_learner import NewestLearner
 from common.strict_json import dumps
 from common.transport.chosen import connect
-from common.transport.endpoint import DEFAULT_ENDPOINT
 from common.transport.interface import Transport
 from common.version import VERSION
 from learner.folder_report import FolderReport

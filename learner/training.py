@@ -15,10 +15,10 @@ from common.errors import InputError
 from common.metrics import Value
 from common.process.supervisor import Supervisor
 from common.protocol.run_status import HealthCheck
-from common.protocol.weights import encode_weights
 from common.registry import SAMPLERS
-from common.run.config import RunConfig
+from common.run.network_file import encode_network_file
 from common.schedule import Every
+from common.settings.config import RunConfig
 from learner.algorithm.interface import Algorithm
 from learner.broadcast import Broadcast
 from learner.checkpoint import Checkpoint
@@ -264,7 +264,7 @@ class Learner:
         record = partial(self.telemetry.add, row)
         if row.epoch:
             self.losses.check_weights(self.phases.updates)
-            weights = encode_weights(self.algorithm.published, self.config)
+            weights = encode_network_file(self.algorithm.published, self.config)
             record = partial(self.evaluation.add, test, weights, record)
         # The last checkpoint is written even if this fails. A resumed run then ends the phase anew.
         self._insist(record)

@@ -29,23 +29,23 @@ from functools import partial
 
 import tyro
 
+from common.command_line.parser import started_by, without_flags
+from common.command_line.run_options import RunOptions, parse_run
+from common.endpoint import DEFAULT_ENDPOINT
 from common.errors import InputError
 from common.process.allocator import keep_large_blocks
-from common.process.command_line import started_by, without_flags
 from common.process.http_endpoints import http_endpoints
 from common.process.http_page import Page, verdict
 from common.process.lifeline import on_signals
 from common.process.log_lines import kept_log, say, say_json
 from common.process.program_end import exit_on_input_error
 from common.process.restarts import with_restarts
-from common.process.run_options import RunOptions, parse_run
 from common.process.service_manager import tell
 from common.process.threads import end_with_any_thread
 from common.protocol.run_keys import RunKeys
 from common.run.folder import RunFolder
 from common.run.join import patiently
 from common.transport.chosen import connect, open_hub
-from common.transport.endpoint import DEFAULT_ENDPOINT
 from common.transport.flood_guard import tolerated
 from common.transport.interface import Transport
 from replay.chunk_statistics import ReplayProgress

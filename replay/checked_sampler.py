@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from common.checked import MAX_LONG_TEXT
 from common.errors import InputError
 from common.registry import SAMPLERS, failure
-from common.run.config import ReplayConfig
+from common.settings.config import ReplayConfig
 from replay.samplers import Ids, PrioritisedSampler, UniformSampler
 
 _OUR_OWN = (UniformSampler, PrioritisedSampler)

@@ -13,7 +13,7 @@ from typing import Annotated, NamedTuple
 from pydantic import Strict
 
 from common.checked import Count, Rows, Values, build
-from common.run.config import MAX_WINDOW
+from common.settings.config import MAX_WINDOW
 from replay.chunk_statistics import MAX_GAMES, MAX_STATISTICS, ChunkStatistics
 from replay.journal import Entry
 from replay.ring import Placement

@@ -15,7 +15,7 @@ from common.errors import InputError, MessageError
 from common.process.service_manager import alive
 from common.protocol.message import Message
 from common.protocol.run_keys import RunKeys
-from common.run.config import RunConfig
+from common.settings.config import RunConfig
 from common.transport.interface import Envelope, Requester, Transport, Unanswered
 from replay.batch import Batch, SharedBatch
 from replay.chunk_statistics import ReplayProgress

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from itertools import islice
 
-from common.run.config import RunConfig
+from common.settings.config import RunConfig
 from replay.chunk_statistics import ChunkStatistics
 
 _RECENT_GAMES = 5

@@ -14,7 +14,7 @@ class Replay(Protocol):
     """A replay buffer, in this process or another. Its methods are thread-safe."""
 
     run_id: str
-    """Identity of its run (`common.protocol.announcement.Announcement`)."""
+    """Identity of its run (`common.run.announcement.Announcement`)."""
 
     def sample(self, drawn: int, timeout: float) -> Batch | None:
         """Returns a minibatch, or None if none was available for ``timeout`` seconds.

@@ -6,7 +6,7 @@ inserted steps. The limiter needs only these two numbers, so it has no state to 
 
 from dataclasses import dataclass
 
-from common.run.config import RunConfig
+from common.settings.config import RunConfig
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from common.errors import InputError
 from common.process.progress import Progress
-from common.run.config import RunConfig
+from common.settings.config import RunConfig
 from replay.chunk_index import ChunkIndex
 from replay.journal import Entry, damaged, read_journal
 from replay.ring import Ring

@@ -21,8 +21,8 @@ from common.process.footprint import footprint
 from common.protocol.ack import Ack
 from common.protocol.chunk import Chunk
 from common.protocol.run_keys import run_id_of
-from common.run.config import RunConfig
-from common.run.stored_config import to_json
+from common.settings.config import RunConfig
+from common.settings.stored_config import to_json
 from replay.batch import Batch, SharedBatch
 from replay.chunk_statistics import ReplayProgress
 from replay.limiter import RateLimiter
@@ -60,7 +60,7 @@ class ReplayBuffer:
         self._state = threading.Condition()
         self._store = Store(config, folder, self._state)
         self.run_id = run_id_of(self._store.uuid, to_json(config))
-        """See `common.protocol.announcement.Announcement`."""
+        """See `common.run.announcement.Announcement`."""
         # A different sequence after each start, or a resumed run would repeat the same draws.
         self._rng = np.random.default_rng([config.seed, self._store.index.accepted])
         self._closed = False

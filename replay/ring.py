@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from common.crc32 import crc32
 from common.protocol.chunk import Chunk
 from common.protocol.step_fields import STEP_FIELDS, Column, Flag, bit_of, drawn_fields
-from common.run.config import RunConfig
+from common.settings.config import RunConfig
 from replay.batch import Batch, SharedBatch
 from replay.columns import Columns
 from replay.samplers import Ids

@@ -5,7 +5,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from common.run.config import ReplayConfig
+from common.settings.config import ReplayConfig
 from replay.sum_tree import SumTree
 
 _SMALLEST = 1e-6  # a step with priority 0 would never be drawn, so never corrected, again

@@ -13,12 +13,12 @@ from contextlib import AbstractContextManager
 from common.errors import MessageError
 from common.process.log_lines import Seldom
 from common.protocol.ack import Ack
-from common.protocol.announcement import Announcement
 from common.protocol.chunk import Chunk
 from common.protocol.run_keys import DEMONSTRATIONS, RunKeys, name_in
 from common.protocol.step_fields import FRAME_BYTES
 from common.protocol.wire import MAX_MESSAGE_BYTES, decode_version
-from common.run.config import RunConfig
+from common.run.announcement import Announcement
+from common.settings.config import RunConfig
 from common.transport.interface import Answer, Envelope, Request, Transport
 from common.transport.leaky_bucket import ACTOR_QUOTA, LeakyBucket
 from replay.messages import (

@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 from common.errors import MessageError
 from common.protocol.chunk import Chunk
 from common.registry import SAMPLERS
-from common.run.config import RunConfig
 from common.run.folder import JOURNAL
+from common.settings.config import RunConfig
 from replay.checked_sampler import CheckedSampler
 from replay.chunk_index import ChunkKey, chunk_entry, tail_entry
 from replay.chunk_statistics import ChunkStatistics

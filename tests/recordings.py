@@ -11,8 +11,8 @@ import numpy as np
 from actors.loop import play
 from actors.policy import Policy
 from common.network import QNetwork
-from common.run.config import RunConfig
-from common.run.presets import PRESETS
+from common.settings.config import RunConfig
+from common.settings.presets import PRESETS
 from tests.actors.numbered_env import NumberedEnv
 from viewer.recorder import Recorder
 

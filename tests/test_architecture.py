@@ -50,6 +50,19 @@ DOORS: dict[str, str | tuple[str, ...]] = {
 """By foreign package, the file or folder that alone imports it."""
 
 
+WITHIN_COMMON = {
+    "process": set(),
+    "settings": set(),
+    "protocol": {"settings"},
+    "transport": {"process", "protocol"},
+    "run": {"process", "protocol", "settings", "transport"},
+    "command_line": {"run", "settings", "transport"},
+    "dataset": {"protocol", "run", "settings"},
+    "native": {"process", "protocol", "settings"},
+}
+"""By folder of `common`, the others that it may import."""
+
+
 REGISTRY = "common/registry.py"
 AS_TEXT = re.compile(r"(\w+(\.\w+)+):[\w.]*")
 
@@ -96,6 +109,34 @@ def sources() -> Iterator[tuple[str, str]]:
 def test_imports_go_one_way_and_through_the_doors() -> None:
     found = set().union(*(against_the_rules(*each) for each in sources()))
     assert sorted(found) == []
+
+
+def test_the_folders_of_common_are_in_layers() -> None:
+    """What lies beside them counts, too: `settings` must not reach `run` by way of a module."""
+    reached: dict[str, set[str]] = {}
+
+    def reach(module: str) -> set[str]:
+        """Folders of `common` that `module` imports, itself or through modules beside them."""
+        if module not in reached:
+            reached[module] = set()
+            path = ROOT / f"{module.replace('.', '/')}.py"
+            for name in imported(path.read_text()) if path.is_file() else ():
+                if (folder := name.split(".")[1:2]) and folder[0] in WITHIN_COMMON:
+                    reached[module].add(folder[0])
+                elif name.startswith("common."):
+                    reached[module] |= reach(name)
+        return reached[module]
+
+    found = {
+        (path, folder)
+        for path, _ in sources()
+        if path.startswith("common/") and (own := path.split("/")[1]) in WITHIN_COMMON
+        for folder in reach(path.removesuffix(".py").replace("/", ".")) - {own}
+        if folder not in WITHIN_COMMON[own]
+    }
+    assert sorted(found) == []
+    folders = {path.split("/")[1] for path, _ in sources() if path.count("/") > 1}
+    assert WITHIN_COMMON.keys() <= folders
 
 
 def test_whoever_can_do_without_a_network_gets_a_transport() -> None:

@@ -1,9 +1,9 @@
 """What each program does before it begins, done once before any is forked."""
 
 from actors import actor
+from common.command_line.run_options import parse_run
 from common.network import LAYERS
 from common.process import lifeline, supervisor
-from common.process.run_options import parse_run
 from learner.options import LearnerOptions
 from tests.patience import PATIENCE
 from tests.tiny_network import TINY

@@ -20,11 +20,11 @@ from typing import Any, get_args
 
 import cv2
 
+from common.command_line.parser import parse
+from common.command_line.played import Played, parse_played
 from common.errors import InputError
-from common.process.command_line import parse
 from common.process.lifeline import on_signals
 from common.process.log_lines import LOADING, say, say_aside
-from common.process.played import Played, parse_played
 from common.process.program_end import exit_on_input_error
 from viewer.check import Check
 from viewer.draws import Draws

@@ -21,13 +21,13 @@ from actors.envs.robot import RobotEnv
 from actors.loop import Step, play, seeds_of
 from actors.robots.latency import CHANGES, GOAL, Change, Latency, changes
 from actors.vision.layout import border_of
+from common.command_line.played import Played
 from common.counted import counted
+from common.exit_codes import INTERRUPTED
 from common.metrics import KEYS_AS_COMMANDED, PIXEL_DEVIATION, VALID_FRAMES, Bound
-from common.process.exit_codes import INTERRUPTED
-from common.process.played import Played
 from common.process.progress import Progress
-from common.run.conditions import PlayConfig
-from common.run.hands import keys_can_follow
+from common.settings.conditions import PlayConfig
+from common.settings.hands import keys_can_follow
 from viewer.panels import Panels
 from viewer.picture import check_picture, write_picture
 from viewer.player import File, ShownPolicy, shown_env

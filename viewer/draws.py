@@ -17,11 +17,11 @@ from actors.envs.robot import RobotEnv
 from actors.envs.shown_env import ShownEnv
 from actors.vision.layout import border_of
 from common.checked import FromOne
+from common.command_line.played import Played
 from common.errors import InputError
-from common.process.played import Played
-from common.run.conditions import Conditions
-from common.run.config import RunConfig
-from common.run.ranges import RandomiseConfig, all_ranges
+from common.settings.conditions import Conditions
+from common.settings.config import RunConfig
+from common.settings.ranges import RandomiseConfig, all_ranges
 from viewer import overlay
 from viewer.picture import check_picture, write_picture
 from viewer.player import shown_env

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from actors.loop import play, seeds_of
 from common.checked import Amount, Fraction
+from common.command_line.played import Played
 from common.errors import InputError
-from common.process.played import Played
 from common.process.progress import Progress
 from common.run.epochs import EpochRow, EpochTable
 from common.run.folder import RunFolder, kept_networks

@@ -24,13 +24,13 @@ from actors.envs.robot import RobotEnv
 from actors.loop import Step, play
 from actors.vision.layout import ASPECT, UNIT_SQUARE
 from common.actions import KEYS_OF_ACTION, Keys, action_of_keys
+from common.command_line.played import Played
 from common.counted import counted
 from common.errors import InputError
 from common.games import MINIMAL_ACTIONS
 from common.minus import points
 from common.press_latency import COUNTS, KeyLatency
 from common.process.extras import check_extra
-from common.process.played import Played
 from common.registry import ENVIRONMENTS
 from common.run.clock import ClockConfig
 from viewer.recorder import Recorder, check_new_folder

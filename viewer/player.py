@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from actors.envs import make_env
 from actors.envs.shown_env import ShownEnv
 from actors.policy import Policy
-from common.process.command_line import WeightsFile
+from common.command_line.parser import WeightsFile
 from common.run.clock import ClockConfig
-from common.run.config import RunConfig
+from common.settings.config import RunConfig
 
 File = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
 Network = Annotated[WeightsFile | None, tyro.conf.Positional, tyro.conf.arg(metavar="[FILE]")]

@@ -12,11 +12,11 @@ from actors.envs import make_env
 from actors.loop import play, seeds_of
 from actors.policy import Policy
 from common.checked import Amount, Count, Fraction
+from common.command_line.parser import WeightsFile
+from common.command_line.played import Played
 from common.errors import InputError
 from common.minus import points
-from common.process.command_line import WeightsFile
 from common.process.extras import check_extra
-from common.process.played import Played
 from common.process.progress import Progress
 from common.run.clock import ClockConfig
 from viewer.recorder import Recorder, check_new_folder

@@ -21,7 +21,7 @@ from common.errors import InputError, writing
 from common.process.extras import extra_for
 from common.proprioception import KEYS
 from common.registry import ENVIRONMENTS, ROBOTS
-from common.run.config import RunConfig
+from common.settings.config import RunConfig
 from viewer.movie import Add, open_movie
 
 _SAMPLE_EVERY = 30

@@ -12,11 +12,11 @@ import tyro
 from actors.envs.shown_env import ShownEnv
 from actors.loop import play, seeds_of
 from common.checked import Amount, Fraction, FromOne
+from common.command_line.played import Played
 from common.counted import counted
 from common.errors import InputError
 from common.minus import minus_signed, points
 from common.process.extras import check_extra
-from common.process.played import Played
 from common.process.progress import Progress
 from common.run.clock import ClockConfig
 from viewer.movie import check_movie, open_movie

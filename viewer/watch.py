@@ -22,12 +22,12 @@ from actors.loop import Step, play, seeds_of
 from actors.vision.layout import ASPECT, border_of
 from common.actions import KEYS_OF_ACTION
 from common.checked import Count, Fraction
+from common.command_line.played import Played
 from common.counted import counted
 from common.minus import points
-from common.process.played import Played
 from common.q_bars import q_bars
-from common.run.config import RunConfig
 from common.run.origin import name_of, shown_weights
+from common.settings.config import RunConfig
 from viewer import overlay
 from viewer.human import keys_text
 from viewer.player import Network, ShownPolicy, shown_env

@@ -5,7 +5,7 @@ from typing import Any
 from actors.envs.shown_env import ShownEnv
 from common.registry import ENVIRONMENTS
 from common.run.clock import ClockConfig
-from common.run.config import RunConfig
+from common.settings.config import RunConfig
 
 
 def make_env(

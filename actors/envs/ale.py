@@ -14,9 +14,9 @@ from actors.envs.step_info import StepInfo
 from actors.envs.world import World
 from actors.robots.latency_model.model import LatencyModel
 from common.run.clock import ClockConfig
-from common.run.conditions import DEFAULT_PLAY, PERFECT_CAMERA, CameraConfig, PlayConfig
-from common.run.config import RunConfig
-from common.run.ranges import NOTHING_DRAWN, RandomiseConfig
+from common.settings.conditions import DEFAULT_PLAY, PERFECT_CAMERA, CameraConfig, PlayConfig
+from common.settings.config import RunConfig
+from common.settings.ranges import NOTHING_DRAWN, RandomiseConfig
 
 
 class AtariEnv(GameEnv):

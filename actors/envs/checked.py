@@ -18,7 +18,7 @@ from common.checked import MAX_SIZE
 from common.errors import InputError
 from common.protocol.step_fields import FRAME_SHAPE, MAX_ELAPSED
 from common.registry import foreign
-from common.run.config import RunConfig
+from common.settings.config import RunConfig
 
 _MARGIN = 32
 """Grey of the margins around a picture that is not 4:3; black may be the picture's own."""

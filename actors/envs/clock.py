@@ -12,7 +12,7 @@ from dataclasses import replace
 from typing import Protocol
 
 from actors.envs.world import AgentStep, World
-from common.run.conditions import FRAMES_PER_SECOND
+from common.settings.conditions import FRAMES_PER_SECOND
 
 FRAME = 1 / FRAMES_PER_SECOND
 """Seconds of game time per emulator frame."""

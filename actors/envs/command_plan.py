@@ -20,7 +20,7 @@ from actors.robots.latency_model.model import LatencyModel
 from actors.robots.latency_model.weights import ACTIONS, COMMANDS, ROW, ModelWeights, read_weights
 from common.actions import Keys
 from common.errors import InputError
-from common.run.conditions import FRAMES_PER_SECOND, PlayConfig
+from common.settings.conditions import FRAMES_PER_SECOND, PlayConfig
 
 _OPEN = 6
 """Commands of a sequence, one for each frame; its last one lasts."""

@@ -17,7 +17,7 @@ from actors.robots.interface import Robot
 from actors.robots.room.sensor import newest_due
 from actors.vision.screen_detector import Detection, ScreenDetector, is_blank
 from common.protocol.step_fields import FRAME_SHAPE
-from common.run.conditions import CameraConfig
+from common.settings.conditions import CameraConfig
 
 _UNSEEN = Detection(np.zeros(FRAME_SHAPE, np.uint8), False, None)
 

@@ -10,7 +10,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from common.run.conditions import MAX_PICTURE_LATENCY
+from common.settings.conditions import MAX_PICTURE_LATENCY
 
 _SWITCHES = 6
 """Changes of the screen that are timed. A lost picture makes a change look later than it was seen,

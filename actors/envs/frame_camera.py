@@ -19,7 +19,7 @@ from actors.vision.layout import GAME_IN_PICTURE
 from actors.vision.screen import FINER
 from actors.vision.stray_light import StrayLight, has_stray_light
 from common.protocol.step_fields import FRAME_SHAPE
-from common.run.conditions import CameraConfig
+from common.settings.conditions import CameraConfig
 
 _ROWS, _COLUMNS = 84, 112
 """Rows and columns of the robot's camera that show the game, seen from its usual place."""

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.random import Generator
 
 from actors.envs.emulator import Emulator
-from common.run.conditions import PERFECT_CAMERA, CameraConfig, Conditions, PlayConfig
-from common.run.ranges import NOTHING_DRAWN, RandomiseConfig, draw
+from common.settings.conditions import PERFECT_CAMERA, CameraConfig, Conditions, PlayConfig
+from common.settings.ranges import NOTHING_DRAWN, RandomiseConfig, draw
 
 
 class AtariGame:

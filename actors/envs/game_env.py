@@ -15,7 +15,7 @@ from actors.envs.observation import FrameStack, Observation, observation_space
 from actors.envs.shown_env import ShownEnv
 from actors.envs.world import World
 from common.actions import Keys
-from common.run.conditions import Conditions, PlayConfig
+from common.settings.conditions import Conditions, PlayConfig
 
 
 class GameEnv(ShownEnv[Observation, np.int64]):

@@ -5,7 +5,7 @@ from functools import reduce
 from operator import or_
 
 from common.actions import Keys
-from common.run.conditions import MAX_ADDED, MAX_GAP
+from common.settings.conditions import MAX_ADDED, MAX_GAP
 
 _HANDS = tuple(map(int, (Keys.UP | Keys.DOWN | Keys.LEFT | Keys.RIGHT, Keys.FIRE)))
 """The keys of each hand, or stick. It moves from one set of its keys to another."""

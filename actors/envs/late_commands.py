@@ -13,7 +13,7 @@ from actors.envs.key_watch import KeyWatch, WatchedHands
 from actors.envs.modelled_hand import ModelledHand
 from actors.robots.interface import Hands
 from common.actions import Keys
-from common.run.conditions import PlayConfig
+from common.settings.conditions import PlayConfig
 
 
 class LateCommands:

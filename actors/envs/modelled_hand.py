@@ -6,7 +6,7 @@ poor model of an arm: on its way from one key to another, an arm holds neither.
 """
 
 from common.actions import Keys
-from common.run.conditions import PlayConfig
+from common.settings.conditions import PlayConfig
 
 
 class ModelledHand:

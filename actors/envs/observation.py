@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from common.proprioception import vector_width
 from common.protocol.step_fields import FRAME_SHAPE
-from common.run.conditions import PlayConfig
+from common.settings.conditions import PlayConfig
 
 Observation: TypeAlias = NDArray[np.uint8] | dict[str, Any]
 """Frames ``uint8 [frame_stack, 84, 84]``; or these as ``frames`` and ``vector float32 [P]``."""

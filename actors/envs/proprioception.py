@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from actors.envs.key_forecast import FLAGS, KeyForecast
 from common.actions import KEYS_OF_ACTION, Keys
 from common.proprioception import ACTIONS, KEYS, vector_widths
-from common.run.conditions import MAX_PICTURE_LATENCY, PlayConfig
+from common.settings.conditions import MAX_PICTURE_LATENCY, PlayConfig
 
 
 class Proprioception:

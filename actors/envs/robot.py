@@ -22,9 +22,9 @@ from actors.vision.screen_detector import Detection
 from common.errors import InputError
 from common.registry import ROBOTS
 from common.run.clock import ClockConfig
-from common.run.conditions import DEFAULT_PLAY, PERFECT_CAMERA, CameraConfig, PlayConfig
-from common.run.config import RunConfig
-from common.run.ranges import NOTHING_DRAWN, RandomiseConfig
+from common.settings.conditions import DEFAULT_PLAY, PERFECT_CAMERA, CameraConfig, PlayConfig
+from common.settings.config import RunConfig
+from common.settings.ranges import NOTHING_DRAWN, RandomiseConfig
 
 LOCKSTEP = ClockConfig()
 

@@ -20,7 +20,7 @@ from actors.envs.latency_equaliser import LatencyEqualiser
 from actors.envs.proprioception import Proprioception
 from actors.robots.interface import Hands
 from common.actions import KEYS_OF_ACTION, Keys, action_of_keys
-from common.run.conditions import PlayConfig
+from common.settings.conditions import PlayConfig
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 
 from common.actions import Keys
-from common.run.conditions import Conditions
+from common.settings.conditions import Conditions
 
 ViewName = Literal["room", "hands", "front"]
 """Views for people: the robot and its surroundings, its hands on the keys, or the robot from the

@@ -12,7 +12,7 @@ import numpy as np
 from actors.robots.interface import Hands
 from common.actions import KEYS_OF_ACTION, Keys
 from common.press_latency import MAX_FRAMES, ms_of
-from common.run.conditions import DEFAULT_PLAY
+from common.settings.conditions import DEFAULT_PLAY
 
 FRAME_MS = ms_of(1)
 AGENT_STEP = DEFAULT_PLAY.frame_skip

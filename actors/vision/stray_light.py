@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from actors.vision.layout import ASPECT
-from common.run.conditions import CameraConfig
+from common.settings.conditions import CameraConfig
 
 GLARE_RADIUS = 0.15
 """Standard deviation of the glare's round blob, as a share of the projected picture's width."""

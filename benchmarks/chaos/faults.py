@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from benchmarks.chaos.cluster import EVALUATOR, HUB, LEARNER, Cluster
 from common.errors import MessageError
-from common.process.exit_codes import BAD_INPUT
+from common.exit_codes import BAD_INPUT
 from common.run.join import find_run
 from common.transport.interface import Unanswered
 

@@ -10,7 +10,7 @@ from contextlib import suppress
 from typing import Any, Self
 
 from benchmarks.child import free_endpoint
-from common.transport.endpoint import check_endpoint
+from common.endpoint import check_endpoint
 
 _AT_ONCE = struct.pack("ii", 1, 0)
 """Socket option that closes a connection with a reset."""

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from benchmarks.many_actors import STEPS_PER_SECOND, WEIGHTS_BYTES
 from benchmarks.report import cell
 from common.errors import InputError
-from common.run.config import LearningConfig
-from common.run.presets import PRESETS
+from common.settings.config import LearningConfig
+from common.settings.presets import PRESETS
 from common.transport.access_control import MAX_SESSIONS
 
 ROBOTS = (10, 100, 1_000)

@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 from actors.envs.robot import RobotEnv
 from common.actions import Keys, action_of_keys
 from common.checked import Count, FromOne
+from common.command_line.parser import parse
 from common.errors import InputError
-from common.process.command_line import parse
 from common.process.program_end import exit_on_input_error
-from common.run.conditions import DEFAULT_PLAY
+from common.settings.conditions import DEFAULT_PLAY
 from viewer import overlay
 from viewer.picture import write_picture
 

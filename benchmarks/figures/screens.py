@@ -25,8 +25,8 @@ from rich.terminal_theme import SVG_EXPORT_THEME
 from rich.text import Text
 
 from benchmarks.child import free_endpoint, run_program, scratch
+from common.command_line.parser import parse
 from common.errors import InputError
-from common.process.command_line import parse
 from common.process.extras import extra_for
 
 COLUMNS, ROWS = 150, 43

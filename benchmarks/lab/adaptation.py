@@ -20,11 +20,11 @@ from benchmarks.lab.policy import (
 from benchmarks.report import Report, Table, main
 from common.checked import FromOne
 from common.registry import ENVIRONMENTS
-from common.run.config import RunConfig
 from common.run.epochs import EpochTable
 from common.run.folder import RunFolder
-from common.run.presets import PRESETS
-from common.run.stored_config import flag_of, flat
+from common.settings.config import RunConfig
+from common.settings.presets import PRESETS
+from common.settings.stored_config import flag_of, flat
 
 ADAPTING = {
     "learning.learning-rate": "2e-4",

@@ -24,7 +24,13 @@ from common.actions import KEYS_OF_ACTION, Keys
 from common.checked import FromOne
 from common.games import MINIMAL_ACTIONS, SCREEN_SHAPE, check_game
 from common.registry import ROBOTS
-from common.run.conditions import MAX_ADDED, MAX_GAP, CameraConfig, LatencyModelSettings, PlayConfig
+from common.settings.conditions import (
+    MAX_ADDED,
+    MAX_GAP,
+    CameraConfig,
+    LatencyModelSettings,
+    PlayConfig,
+)
 
 _TOLD = ("latency", "gap", "model_rate", "hands_model", "game", "steps", "seed")
 

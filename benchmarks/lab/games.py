@@ -19,9 +19,9 @@ from benchmarks.lab.policy import TrainingOptions, headline, scores_of, train
 from benchmarks.report import Report, main, measure_missing, resumed, scored
 from common.checked import FromOne
 from common.games import check_game
-from common.run.config import PresetName
 from common.run.epochs import EpochTable
 from common.run.folder import RunFolder
+from common.settings.config import PresetName
 
 
 class Anchors(NamedTuple):

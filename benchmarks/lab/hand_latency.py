@@ -19,8 +19,8 @@ from benchmarks.report import BenchmarkOptions, Report, main, scored
 from common.atomic_file import check_new_file
 from common.checked import Fraction, FromOne
 from common.press_latency import ms_of
-from common.run.conditions import Latency
 from common.run.origin import run_of
+from common.settings.conditions import Latency
 from learner.evaluation.options import EPSILON
 
 COLUMNS = (

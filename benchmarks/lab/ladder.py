@@ -25,7 +25,7 @@ from benchmarks.lab.policy import TrainingOptions, evaluate, first_at, scores_of
 from benchmarks.report import Report, main, scored, with_time_left
 from common.atomic_file import check_new_file, write_atomically, write_json
 from common.checked import Fraction, FromOne
-from common.process.command_line import PRESENT_FLAGS
+from common.command_line.parser import PRESENT_FLAGS
 from common.run.epochs import EpochRow, EpochTable
 from common.run.folder import RunFolder
 from learner.evaluation.options import EPSILON, GAMES

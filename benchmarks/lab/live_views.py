@@ -19,7 +19,7 @@ from benchmarks.report import BenchmarkOptions, Report, main
 from common.checked import FromOne
 from common.protocol.live_view import Viewpoint, ViewRequest
 from common.protocol.run_keys import RunKeys
-from common.run.presets import PRESETS
+from common.settings.presets import PRESETS
 from common.transport.chosen import connect, open_hub
 
 _SETTLING = 50

@@ -19,9 +19,9 @@ from actors.policy import Policy
 from benchmarks.lab.policy import PlayingOptions
 from benchmarks.report import Report, Row, main
 from common.checked import Fraction, FromOne
-from common.process.played import settings_of
+from common.command_line.played import settings_of
 from common.process.progress import Progress
-from common.run.config import RunConfig
+from common.settings.config import RunConfig
 
 _AFTER = {0: "the start", 1: "a point won", -1: "a point lost"}
 

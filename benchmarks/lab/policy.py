@@ -15,12 +15,12 @@ import tyro
 from benchmarks.child import free_endpoint, run_module, scratch
 from benchmarks.report import BenchmarkOptions
 from common.checked import Fraction, FromOne
+from common.command_line.parser import WeightsFile
 from common.errors import InputError
-from common.process.command_line import WeightsFile
-from common.run.config import RunConfig
 from common.run.epochs import EpochPhase, EpochRow
 from common.run.folder import RunFolder
 from common.run.origin import origin_of
+from common.settings.config import RunConfig
 from learner.evaluation.options import EPSILON, GAMES
 
 _MAX_OVER = 2_000

@@ -21,7 +21,7 @@ from common.actions import KEYS_OF_ACTION
 from common.checked import FromOne
 from common.games import SCREEN_SHAPE
 from common.registry import ROBOTS
-from common.run.conditions import CameraConfig, PlayConfig
+from common.settings.conditions import CameraConfig, PlayConfig
 from common.strict_json import strict
 
 _NAMES = ["".join(key.name[0] for key in keys if key.name) or "·" for keys in KEYS_OF_ACTION]

@@ -34,9 +34,9 @@ from benchmarks.report import (
 )
 from common.checked import MAX_NAME, FromOne
 from common.errors import InputError
-from common.run.config import PresetName, ProtocolConfig, RunConfig
 from common.run.epochs import EpochTable
 from common.run.folder import RunFolder
+from common.settings.config import PresetName, ProtocolConfig, RunConfig
 from learner.evaluation.snapshots import Snapshots
 from learner.phases import RECENT_GAMES
 

@@ -23,13 +23,13 @@ from benchmarks.lab.policy import PlayingOptions, evaluate
 from benchmarks.report import Report, Table, main, measure_missing, resumed, scored
 from common.atomic_file import write_json
 from common.checked import Fraction, FromOne
+from common.command_line.parser import flag_in
 from common.errors import InputError
 from common.press_latency import ms_of
-from common.process.command_line import flag_in
 from common.registry import ROBOTS
-from common.run.conditions import MAX_ADDED
-from common.run.config import RunConfig
-from common.run.stored_config import flat
+from common.settings.conditions import MAX_ADDED
+from common.settings.config import RunConfig
+from common.settings.stored_config import flat
 
 Optics = Literal["nominal", "grain", "pose", "light", "late"]
 OPTICS: dict[Optics, dict[str, str]] = {

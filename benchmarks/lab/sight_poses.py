@@ -18,8 +18,8 @@ from actors.envs.observation import shrink
 from actors.robots.nao.robot import Nao
 from actors.vision.layout import GAME_IN_PICTURE
 from actors.vision.screen_detector import Detection, ScreenDetector
-from common.run.conditions import PERFECT_CAMERA, CameraConfig, PlayConfig
-from common.run.ranges import NOTHING_DRAWN, RandomiseConfig, draw
+from common.settings.conditions import PERFECT_CAMERA, CameraConfig, PlayConfig
+from common.settings.ranges import NOTHING_DRAWN, RandomiseConfig, draw
 
 POSES = RandomiseConfig(head_pose=10.0, screen_distance=0.15)
 """Range of the poses from which each case is seen."""

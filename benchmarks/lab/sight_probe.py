@@ -17,7 +17,7 @@ from actors.envs.observation import shrink
 from actors.robots.nao.robot import Nao
 from actors.vision.screen_detector import ScreenDetector
 from benchmarks.lab.sight_poses import Eye, begin_game
-from common.run.ranges import NOTHING_DRAWN
+from common.settings.ranges import NOTHING_DRAWN
 
 QUANTITIES = {"own paddle's y": 51, "other paddle's y": 50, "ball's x": 49, "ball's y": 54}
 """Addresses in Pong's memory of what is probed (Anand et al. 2019, AtariARI)."""

@@ -24,9 +24,9 @@ from benchmarks.child import free_endpoint
 from benchmarks.lab.policy import TrainingOptions, scores_of
 from benchmarks.report import Report, main
 from common.checked import Count, FromOne
+from common.command_line.run_options import parse_run
 from common.errors import InputError
 from common.process.extras import extra_for
-from common.process.run_options import parse_run
 from common.process.supervisor import Child
 from common.protocol.run_keys import check_name
 from common.run.epochs import EpochTable

@@ -26,9 +26,9 @@ from common.dataset.layout import (
 from common.errors import InputError
 from common.protocol.step_fields import STEP_FIELDS
 from common.regular_file import read_file
-from common.run.config import RunConfig
 from common.run.rules import check_config
-from common.run.stored_config import from_mapping
+from common.settings.config import RunConfig
+from common.settings.stored_config import from_mapping
 
 _MAX_INFO_BYTES = 2**20
 _MAX_FILE_BYTES = 2**31

@@ -29,7 +29,7 @@ from common.dataset.layout import (
     file_of,
     place_of,
 )
-from common.run.config import RunConfig
+from common.settings.config import RunConfig
 
 _PANDAS = {
     "index_columns": ["task"],

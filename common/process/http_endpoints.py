@@ -8,10 +8,10 @@ import logging
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 
+from common.endpoint import host_and_port, is_loopback
 from common.errors import InputError
 from common.process.extras import extra_for
 from common.process.http_page import Page
-from common.transport.endpoint import host_and_port, is_loopback
 
 _log = logging.getLogger(__name__)
 HTTP_PORT = 9108

@@ -6,7 +6,7 @@ import sys
 from collections.abc import Callable
 
 from common.errors import NO_ROOM_ERRORS, InputError
-from common.process.exit_codes import BAD_INPUT, FAILED, INTERRUPTED, NO_ROOM
+from common.exit_codes import BAD_INPUT, FAILED, INTERRUPTED, NO_ROOM
 from common.process.log_lines import log_visibly, say_aside
 from common.process.output import escape, has_reader, open_closed, silence, visible, widen
 

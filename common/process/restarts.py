@@ -13,8 +13,8 @@ import time
 from collections.abc import Callable, Collection
 from functools import partial
 
+from common.exit_codes import FINAL, NO_ROOM
 from common.process.backoff import SETTLED, growing_pause
-from common.process.exit_codes import FINAL, NO_ROOM
 from common.process.lifeline import heeded_signals, signal_pipe
 from common.process.log_lines import say_aside
 from common.process.program_end import exit_on_input_error

@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import Any
 
 from common.errors import InputError
+from common.exit_codes import BAD_INPUT
 from common.process.backoff import SETTLED, growing_pause
-from common.process.exit_codes import BAD_INPUT
 from common.process.lifeline import GRACE, LEASH
 from common.process.service_manager import without
 from common.schedule import Now

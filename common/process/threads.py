@@ -6,7 +6,7 @@ from contextlib import contextmanager, suppress
 from typing import ParamSpec
 
 from common.errors import InputError
-from common.process.exit_codes import FAILED
+from common.exit_codes import FAILED
 
 P = ParamSpec("P")
 

@@ -18,8 +18,8 @@ from common.errors import MessageError
 from common.proprioception import MAX_VECTOR
 from common.protocol.message import Array, Message
 from common.protocol.step_fields import FRAME_SHAPE, StepFields
-from common.run.conditions import MAX_FRAME_STACK
-from common.run.config import MAX_CHUNK_STEPS
+from common.settings.conditions import MAX_FRAME_STACK
+from common.settings.config import MAX_CHUNK_STEPS
 
 MAX_CONTEXT = MAX_FRAME_STACK - 1
 

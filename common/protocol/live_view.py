@@ -14,7 +14,7 @@ from common.actions import KEYS_OF_ACTION, Keys
 from common.checked import Count, Score, Values
 from common.errors import MessageError
 from common.protocol.message import Message
-from common.run.config import MAX_ENVS
+from common.settings.config import MAX_ENVS
 
 Viewpoint = Literal["none", "room", "hands", "front"]
 """Viewpoint on a robot, beside its own camera's picture; ``none`` needs no rendering."""

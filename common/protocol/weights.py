@@ -1,30 +1,28 @@
-"""Network weights as bytes (safetensors), on the wire and on disk, checked before use."""
+"""Network weights as bytes (safetensors), on the wire and in files, checked before use."""
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 
 import torch
 from safetensors import SafetensorError
 from safetensors.torch import load, save
 from torch import Tensor, nn
 
-from common.errors import InputError, MessageError, cannot_read
-from common.regular_file import read_file
-from common.run.config import RunConfig
-from common.run.origin import not_a_network, origin_metadata
+from common.errors import MessageError
 
 
 def encode_weights(
-    network: nn.Module, trained: RunConfig | None = None, dtype: torch.dtype = torch.float32
+    network: nn.Module,
+    metadata: Mapping[str, str] | None = None,
+    dtype: torch.dtype = torch.float32,
 ) -> bytes:
     """Returns all weights of ``network``, as safetensors of float32, or of float16 for small files.
 
     Args:
-        trained: settings of their training, for a file; messages do not carry them.
+        metadata: what a file tells beside them; messages carry none.
     """
     # safetensors needs plain strides, but the network is channels-last.
     weights = {name: v.to(dtype).contiguous() for name, v in network.state_dict().items()}
-    return save(weights, None if trained is None else origin_metadata(trained))
+    return save(weights, None if metadata is None else dict(metadata))
 
 
 _PUBLISHED = ("average.", "online.")
@@ -88,20 +86,3 @@ def are_finite(weights: Sequence[Tensor]) -> bool:
     """
     sums = torch.stack([each.sum(dtype=torch.float32) for each in weights])
     return bool(sums.isfinite().all()) or all(bool(each.isfinite().all()) for each in weights)
-
-
-def load_weights_file(network: nn.Module, file: Path, what: str) -> None:
-    """Puts the weights in ``file``, which a person named, into ``network``. Raises InputError if
-    the file cannot be read, or does not fit ``what`` the network is for."""
-    try:
-        load_weights(network, read_file(file))
-    except OSError as error:
-        raise cannot_read(file, error) from None
-    except NotSafetensors as error:
-        raise not_a_network(file, error) from None
-    except MessageError as error:
-        raise InputError(
-            f"{file} does not fit {what} ({error}): put its card beside it, if it has one "
-            f"({file.stem}.json), or choose what it was trained with by --env, --game, "
-            "--play.minimal-actions, --play.vector and --learning.algorithm."
-        ) from None

@@ -15,8 +15,8 @@ from common.atomic_file import write_atomically
 from common.errors import InputError, cannot_read, cannot_write, choice, writing
 from common.protocol.run_keys import check_name
 from common.regular_file import no_links, not_waiting, read_file
-from common.run.config import RunConfig
-from common.run.stored_config import differences, from_mapping, to_json
+from common.settings.config import RunConfig
+from common.settings.stored_config import differences, from_mapping, to_json
 
 _EPOCH = "epoch-"
 

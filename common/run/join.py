@@ -9,10 +9,10 @@ from pathlib import Path
 
 from common.errors import InputError, MessageError, Unreachable
 from common.process.log_lines import Seldom, say_aside
-from common.protocol.announcement import Announcement
 from common.protocol.run_keys import RunKeys, check_name
-from common.run.config import RunConfig
+from common.run.announcement import Announcement
 from common.schedule import Every, Now
+from common.settings.config import RunConfig
 from common.transport.interface import Transport
 
 _log = logging.getLogger(__name__)

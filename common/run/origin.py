@@ -8,9 +8,9 @@ from typing import Any
 from safetensors import SafetensorError, safe_open
 
 from common.errors import InputError, choice
-from common.run.config import RunConfig
 from common.run.folder import RunFolder
-from common.run.stored_config import from_mapping, to_json
+from common.settings.config import RunConfig
+from common.settings.stored_config import from_mapping, to_json
 
 SHIPPED = Path(__file__).resolve().parents[2] / "ale_robot" / "policies"
 """Folder of the published policies and their cards."""

@@ -9,16 +9,16 @@ from common.proprioception import MAX_VECTOR
 from common.protocol.step_fields import FRAME_BYTES, drawn_fields
 from common.protocol.wire import MAX_MESSAGE_BYTES
 from common.registry import ENVIRONMENTS, foreign
-from common.run.conditions import (
+from common.settings.conditions import (
     DEFAULT_PLAY,
     FRAMES_PER_SECOND,
     LatencyModelSettings,
     PlayConfig,
 )
-from common.run.config import RunConfig
-from common.run.own_settings import ROBOT, check_own_settings, own_settings
-from common.run.ranges import check_ranges, ignored_in
-from common.run.stored_config import from_mapping
+from common.settings.config import RunConfig
+from common.settings.own_settings import ROBOT, check_own_settings, own_settings
+from common.settings.ranges import check_ranges, ignored_in
+from common.settings.stored_config import from_mapping
 
 _OF_A_VECTOR = [each.name for each in fields(PlayConfig) if each.name.startswith("vector_")]
 _PLACE_BYTES = 4

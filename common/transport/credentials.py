@@ -15,8 +15,8 @@ from typing import Literal
 from cryptography import x509
 
 from common.checked import NAME
+from common.endpoint import check_endpoint
 from common.errors import InputError
-from common.transport.endpoint import check_endpoint
 
 _log = logging.getLogger(__name__)
 Role = Literal["hub", "learner", "replay", "actor"]

@@ -18,6 +18,7 @@ from typing import Any
 
 import zenoh
 
+from common.endpoint import check_endpoint, check_free, is_loopback
 from common.errors import InputError, Unreachable
 from common.transport.access_control import (
     LONGEST_RECEIVED,
@@ -33,7 +34,6 @@ from common.transport.credentials import (
     check_certificates,
     common_name,
 )
-from common.transport.endpoint import check_endpoint, check_free, is_loopback
 from common.transport.file_guard import FileGuard
 from common.transport.flood_guard import FloodGuard, tolerated
 from common.transport.hub_sockets import forget_the_silent, most_files

@@ -11,7 +11,7 @@ from torch import Tensor
 from torch.nn.functional import huber_loss
 
 from common.network import QNetwork
-from common.run.config import LearningConfig
+from common.settings.config import LearningConfig
 from learner.algorithm.interface import Prepared, Update
 from learner.algorithm.value_based import ValueBased
 from learner.device import Device

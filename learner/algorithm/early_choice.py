@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 
 from common.network import QNetwork
-from common.run.config import LearningConfig
+from common.settings.config import LearningConfig
 from learner.algorithm.interface import Prepared
 from learner.algorithm.precision import Precision, precision_of
 from learner.device import Device

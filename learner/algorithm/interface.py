@@ -11,7 +11,7 @@ from torch import Tensor
 
 from common.network import QNetwork
 from common.registry import ALGORITHMS
-from common.run.config import RunConfig
+from common.settings.config import RunConfig
 from learner.device import Device
 
 

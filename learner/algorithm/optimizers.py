@@ -11,7 +11,7 @@ from torch.nn.utils import clip_grads_with_norm_, get_total_norm
 
 from common.native.library import InstructionSet, library
 from common.native.network import addresses
-from common.run.config import LearningConfig
+from common.settings.config import LearningConfig
 
 _LONG_AGO = 1e9
 """Number of steps after which ρ^steps is 0."""

@@ -14,7 +14,7 @@ from torch import Tensor
 
 from common.native.quantile_huber import native_quantile_huber
 from common.network import QNetwork
-from common.run.config import LearningConfig
+from common.settings.config import LearningConfig
 from learner.algorithm.double_dqn import huber, online_values
 from learner.algorithm.interface import Prepared, Update
 from learner.algorithm.value_based import ValueBased

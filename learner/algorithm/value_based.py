@@ -15,7 +15,7 @@ from torch import Tensor
 
 from common.network import QNetwork
 from common.protocol.weights import are_finite
-from common.run.config import LearningConfig
+from common.settings.config import LearningConfig
 from learner.algorithm.augmentation import RandomShift
 from learner.algorithm.cuda_graph import RecordedStep, Step
 from learner.algorithm.early_choice import EarlyChoice

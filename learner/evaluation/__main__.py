@@ -22,14 +22,14 @@ from typing import ClassVar
 
 import tyro
 
-from common.process.command_line import WeightsFile
-from common.process.exit_codes import INTERRUPTED
+from common.command_line.parser import WeightsFile
+from common.command_line.played import Played, parse_played
+from common.exit_codes import INTERRUPTED
 from common.process.lifeline import on_signals
 from common.process.log_lines import LOADING, say_aside
-from common.process.played import Played, parse_played
 from common.process.program_end import exit_on_input_error
 from common.run.clock import ClockConfig
-from common.run.ranges import RandomiseConfig
+from common.settings.ranges import RandomiseConfig
 from learner.evaluation.options import EvaluationOptions
 
 # PyTorch is loaded only where it is needed: help and a wrong flag appear at once.

@@ -15,8 +15,8 @@ from typing import Any
 from common.crc32 import crc32
 from common.errors import MessageError
 from common.protocol.evaluation import EvaluationJob, EvaluationReport
-from common.run.config import ProtocolConfig
 from common.schedule import Now
+from common.settings.config import ProtocolConfig
 from learner.evaluation.snapshots import Snapshots, UnusableSnapshot
 
 _log = logging.getLogger(__name__)

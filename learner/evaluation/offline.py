@@ -19,19 +19,19 @@ from rich.console import Console
 from common.atomic_file import write_json
 from common.counted import counted
 from common.errors import InputError, writing
+from common.exit_codes import FAILED
 from common.metrics import VALID_FRAMES
 from common.minus import points
 from common.network import build_network
-from common.process.exit_codes import FAILED
 from common.process.progress import Progress
 from common.process.supervisor import Child
-from common.protocol.weights import load_weights_file
 from common.run.clock import ClockConfig
-from common.run.config import RunConfig
-from common.run.fit import SHAPING_SETTINGS
+from common.run.network_file import load_network_file
 from common.run.origin import name_of, origin_of
-from common.run.presets import PRESETS
-from common.run.stored_config import differences, to_json
+from common.settings.config import RunConfig
+from common.settings.fit import SHAPING_SETTINGS
+from common.settings.presets import PRESETS
+from common.settings.stored_config import differences, to_json
 from common.strict_json import strict
 from learner.evaluation.options import EvaluationOptions
 from learner.evaluation.results import ENDING, summarise, table
@@ -65,7 +65,7 @@ def evaluate(
     console = console or Console(highlight=False)
     origin = origin_of(network)
     trained = origin and origin.for_play
-    load_weights_file(build_network(config, config.action_count), network, "this game")
+    load_network_file(build_network(config, config.action_count), network, "this game")
     rows = _rows(network, options, config, trained, clock, stop, console)
     if rows is None:
         return None

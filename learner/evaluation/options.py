@@ -9,10 +9,10 @@ from typing import Annotated
 import tyro
 
 from common.checked import Count, Fraction, FromOne
+from common.command_line.parser import check_bounds
 from common.errors import InputError
-from common.process.command_line import check_bounds
 from common.registry import ENVIRONMENTS
-from common.run.config import RunConfig
+from common.settings.config import RunConfig
 from learner.telemetry.provenance import check_results_file
 
 

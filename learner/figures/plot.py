@@ -15,8 +15,8 @@ from typing import Annotated, TypeAlias
 
 import tyro
 
+from common.command_line.parser import parse
 from common.errors import InputError
-from common.process.command_line import parse
 from common.process.extras import extra_for
 from common.process.program_end import exit_on_input_error
 from common.run.folder import RunFolder

@@ -22,9 +22,9 @@ from collections.abc import Iterable
 from common.metrics import METRICS, PRESS_MS, Values, number
 from common.protocol.run_status import HealthCheck
 from common.registry import ENVIRONMENTS
-from common.run.conditions import PlayConfig
-from common.run.config import RunConfig
-from common.run.hands import is_late, keys_can_follow, latest_play
+from common.settings.conditions import PlayConfig
+from common.settings.config import RunConfig
+from common.settings.hands import is_late, keys_can_follow, latest_play
 from learner.telemetry.recent_latency import LEAST_MEASURED
 
 LONGEST_SILENCE = 60.0

@@ -16,7 +16,7 @@ from common.errors import InputError
 from common.metrics import Value
 from common.protocol.step_fields import FRAME_SHAPE
 from common.regular_file import read_file
-from common.run.config import RunConfig
+from common.settings.config import RunConfig
 from learner.algorithm.interface import Algorithm
 from learner.telemetry.snapshot import Histogram
 from replay.interface import Replay

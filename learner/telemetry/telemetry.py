@@ -10,10 +10,10 @@ from common.metrics import METRICS, Value, Values, number
 from common.press_latency import MAX_FRAMES, ms_of, reached_by_age
 from common.process.footprint import footprint
 from common.protocol.run_status import HealthCheck
-from common.run.config import RunConfig
 from common.run.epochs import EpochRow, EpochTable, epochs_per_day
-from common.run.presets import PRESETS
 from common.schedule import Every, Now
+from common.settings.config import RunConfig
+from common.settings.presets import PRESETS
 from learner.algorithm.interface import DeviceBatch, Update
 from learner.phases import Phases
 from learner.telemetry.actor_registry import ActorRegistry

@@ -21,8 +21,8 @@ from common.protocol.actor_stats import ActorStats
 from common.protocol.chunk import Chunk
 from common.protocol.run_keys import RunKeys
 from common.protocol.weights import encode_weights
-from common.run.config import StreamConfig
-from common.run.presets import PRESETS
+from common.settings.config import StreamConfig
+from common.settings.presets import PRESETS
 from common.transport.interface import Envelope, Request, Transport
 from tests.actors.numbered_env import CUT, GAME_OVER, GOES_ON, NumberedEnv
 from tests.hub_stubs import STORED

@@ -20,7 +20,7 @@ from common.protocol.chunk import Game
 from common.protocol.evaluation import EvaluationJob, EvaluationReport
 from common.protocol.run_keys import RunKeys
 from common.protocol.weights import encode_weights
-from common.run.presets import PRESETS
+from common.settings.presets import PRESETS
 from common.transport.interface import Envelope, Transport
 from common.transport.signature import Check, unchecked
 from tests.actors.numbered_env import GAME_OVER, GOES_ON, NumberedEnv

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from actors.exploration import DURATION_LAW, GREEDY, MEAN_DURATION, Exploration
-from common.run.config import ExplorationConfig
+from common.settings.config import ExplorationConfig
 
 
 def exploration(envs: int = 1, actions: int = 6, seed: int = 1, **config: bool) -> Exploration:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from actors.envs import make_env
 from actors.game_recorder import GameRecorder
 from common.run.clock import ClockConfig
-from common.run.presets import PRESETS
+from common.settings.presets import PRESETS
 
 
 class ScriptedGame(gymnasium.Env[Any, Any]):

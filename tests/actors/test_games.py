@@ -12,8 +12,8 @@ import pytest
 from actors.games import GamesOptions, games
 from common.errors import InputError
 from common.run.origin import origin_of
-from common.run.presets import PRESETS
-from common.run.stored_config import to_json
+from common.settings.presets import PRESETS
+from common.settings.stored_config import to_json
 from tests.paths import ROOT
 
 FAST = PRESETS["fast"]

@@ -6,8 +6,8 @@ import pytest
 
 from actors.options import ActorOptions
 from actors.process import _default_name
+from common.command_line.parser import parse
 from common.errors import InputError
-from common.process.command_line import parse
 from common.protocol.run_keys import check_name
 
 

@@ -16,7 +16,7 @@ from common.protocol.ack import Ack
 from common.protocol.run_keys import RunKeys
 from common.protocol.weights import encode_weights
 from common.protocol.wire import encode_version
-from common.run.presets import PRESETS
+from common.settings.presets import PRESETS
 from common.transport.credentials import Credentials
 from common.transport.interface import Envelope, Transport
 from common.transport.signature import Sign, checker, signer, unsigned

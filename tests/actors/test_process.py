@@ -13,8 +13,9 @@ from common.errors import InputError
 from common.native.kernel import NEEDS, PrecisionChoice
 from common.native.network import NativeQNetwork
 from common.network import build_network
-from common.protocol.weights import encode_weights, load_weights
-from common.run.presets import PRESETS
+from common.protocol.weights import load_weights
+from common.run.network_file import encode_network_file
+from common.settings.presets import PRESETS
 from tests.native import NEEDS_NATIVE, needs_native
 
 pytestmark = NEEDS_NATIVE
@@ -92,7 +93,7 @@ def test_new_weights_are_played_at_once() -> None:
     policy = Policy(
         network_of(CONFIG, 6, ActorOptions(kernel="native")), 6, np.random.default_rng(0)
     )
-    load_weights(policy.network, encode_weights(fresh, CONFIG))
+    load_weights(policy.network, encode_network_file(fresh, CONFIG))
     frames = torch.randint(0, 256, (2, 4, 84, 84), dtype=torch.uint8)
     with torch.no_grad():
         expected = fresh(frames, torch.zeros(2, 0))

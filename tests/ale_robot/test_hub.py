@@ -16,7 +16,7 @@ import pytest
 
 from ale_robot.hub import Pull, Push
 from common.errors import InputError
-from common.process.exit_codes import UNREACHABLE
+from common.exit_codes import UNREACHABLE
 from common.run.origin import SHIPPED
 from tests.paths import ROOT
 

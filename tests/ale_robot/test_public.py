@@ -15,8 +15,8 @@ from actors.envs.robot import RobotEnv
 from common.errors import InputError
 from common.games import GAMES
 from common.run.clock import ClockConfig
-from common.run.conditions import CameraConfig, PlayConfig
-from common.run.ranges import RandomiseConfig
+from common.settings.conditions import CameraConfig, PlayConfig
+from common.settings.ranges import RandomiseConfig
 from tests.paths import ROOT
 
 

@@ -10,8 +10,8 @@ import pytest
 
 from benchmarks import actor_steps, hosted_run
 from benchmarks.report import run
+from common.command_line.parser import check_bounds
 from common.errors import InputError
-from common.process.command_line import check_bounds
 from common.process.supervisor import Child
 
 

@@ -13,7 +13,7 @@ import pytest
 from benchmarks.child import Helper, free_port, run_module
 from benchmarks.hosted_run import HostedRun
 from common.errors import InputError
-from common.process.exit_codes import INTERRUPTED
+from common.exit_codes import INTERRUPTED
 from tests.paths import ROOT
 from tests.patience import wait_until
 

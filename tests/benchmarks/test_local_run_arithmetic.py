@@ -17,8 +17,8 @@ from benchmarks.local_run import (
     deadlines_kept,
     rate_of_tests,
 )
+from common.command_line.parser import check_bounds
 from common.errors import InputError
-from common.process.command_line import check_bounds
 from common.protocol.actor_stats import ActorStats, Role
 from common.run.clock import ClockConfig
 

@@ -15,8 +15,8 @@ from benchmarks.child import Helper
 from benchmarks.epochs_per_day import Paces
 from benchmarks.local_run import LocalRun, Pace, Setting
 from benchmarks.report import run
+from common.command_line.parser import check_bounds
 from common.errors import InputError
-from common.process.command_line import check_bounds
 
 
 def test_medians_of_turns_after_the_first(monkeypatch: pytest.MonkeyPatch) -> None:

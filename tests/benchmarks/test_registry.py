@@ -19,8 +19,8 @@ from benchmarks import __main__ as command
 from benchmarks import scaling
 from benchmarks.registry import BENCHMARKS, RESULTS
 from benchmarks.report import BenchmarkOptions, Report, run, write
+from common.command_line.parser import check_bounds
 from common.errors import InputError
-from common.process.command_line import check_bounds
 from tests.paths import ROOT
 
 

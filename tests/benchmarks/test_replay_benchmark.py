@@ -10,7 +10,7 @@ from benchmarks import replay, report
 from benchmarks.synthetic import noise_chunks
 from common.errors import InputError
 from common.protocol.chunk import Chunk
-from common.run.config import RunConfig, StreamConfig
+from common.settings.config import RunConfig, StreamConfig
 
 
 def run(*flags: str) -> None:

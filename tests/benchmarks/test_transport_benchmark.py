@@ -8,8 +8,8 @@ import pytest
 
 from benchmarks import transport
 from benchmarks.report import run
+from common.command_line.parser import check_bounds
 from common.errors import InputError
-from common.process.command_line import check_bounds
 
 
 @pytest.mark.usefixtures("forks")

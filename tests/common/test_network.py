@@ -9,9 +9,9 @@ from torch import Tensor
 from torch.nn.functional import conv2d, linear, relu
 
 from common.network import QNetwork, build_network
-from common.run.conditions import PlayConfig
-from common.run.config import InitialWeights, LearningConfig
-from common.run.presets import PRESETS
+from common.settings.conditions import PlayConfig
+from common.settings.config import InitialWeights, LearningConfig
+from common.settings.presets import PRESETS
 
 
 def frames_of(batch: int, frame_stack: int = 4, seed: int = 0) -> Tensor:

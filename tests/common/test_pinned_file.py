@@ -9,9 +9,9 @@ import pytest
 from common import pinned_file
 from common.errors import InputError
 from common.pinned_file import path_of, pin, read
-from common.run.conditions import PlayConfig
-from common.run.config import RunConfig
-from common.run.stored_config import from_mapping
+from common.settings.conditions import PlayConfig
+from common.settings.config import RunConfig
+from common.settings.stored_config import from_mapping
 
 ABC = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"
 """SHA-256 of "abc", from FIPS 180-2."""

@@ -21,9 +21,9 @@ from common.registry import (
     Registry,
     RobotKind,
 )
-from common.run.config import RunConfig
-from common.run.presets import PRESETS
 from common.run.rules import check_config
+from common.settings.config import RunConfig
+from common.settings.presets import PRESETS
 from tests.paths import ROOT
 
 
@@ -196,7 +196,7 @@ def test_a_package_that_cannot_be_loaded_is_told(
 def test_replay_and_learner_load_neither_actors_nor_an_emulator(package: str) -> None:
     program = (
         f"import sys, {package}.__main__\n"
-        "from common.run.config import RunConfig\n"
+        "from common.settings.config import RunConfig\n"
         "assert RunConfig().action_count == 18\n"
         "print(*{name.split('.')[0] for name in sys.modules})"
     )

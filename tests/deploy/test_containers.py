@@ -13,8 +13,8 @@ from cryptography import x509
 from cryptography.x509.oid import NameOID
 
 from actors.options import ActorOptions
-from common.process.command_line import parse
-from common.process.run_options import parse_run
+from common.command_line.parser import parse
+from common.command_line.run_options import parse_run
 from common.transport.credentials import Credentials
 from learner.options import LearnerOptions
 from tests.deploy.launched import kustomized, launch

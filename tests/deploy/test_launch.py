@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 from common.errors import InputError
-from common.process.exit_codes import EXIT_CODES, UNREACHABLE
+from common.exit_codes import EXIT_CODES, UNREACHABLE
 from deploy.hub_port import PORTS, free_port
 from deploy.slurm import FINAL_HERE
 from tests.deploy.launched import launch

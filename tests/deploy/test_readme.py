@@ -5,7 +5,7 @@ import re
 
 import pytest
 
-from common.process.exit_codes import EXIT_CODES
+from common.exit_codes import EXIT_CODES
 from learner.options import LearnerOptions
 from replay.__main__ import ReplayOptions
 from tests.paths import ROOT

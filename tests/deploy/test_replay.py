@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from common.process.run_options import parse_run
+from common.command_line.run_options import parse_run
 from learner.options import LearnerOptions
 from replay.__main__ import ReplayOptions
 from tests.deploy.launched import COMMANDS, kustomized, launch, launch_replay

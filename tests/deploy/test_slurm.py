@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks.catch import install
-from common.run.config import StreamConfig
+from common.settings.config import StreamConfig
 from tests.deploy.cluster import MISSING, Cluster, cluster
 from tests.end_to_end.conftest import SMALL
 from tests.paths import ROOT

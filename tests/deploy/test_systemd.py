@@ -10,9 +10,9 @@ import pytest
 
 from actors.actor import FAREWELL
 from actors.options import ActorOptions
-from common.process.command_line import parse
-from common.process.exit_codes import EXIT_CODES
-from common.process.run_options import parse_run
+from common.command_line.parser import parse
+from common.command_line.run_options import parse_run
+from common.exit_codes import EXIT_CODES
 from learner.options import LearnerOptions
 from replay.__main__ import ReplayOptions
 from tests.paths import ROOT

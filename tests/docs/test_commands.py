@@ -17,7 +17,7 @@ from unittest.mock import patch
 
 import tyro
 
-from common.process import command_line
+from common.command_line import parser
 from tests.docs.test_pages import PAGES as ALL_PAGES
 from tests.forked import FORKS
 from tests.paths import ROOT
@@ -79,7 +79,7 @@ def refused(answer: Connection) -> None:
 
     os.chdir(ROOT)
     told = {tuple(each): page.name for page in PAGES for each in commands(page.read_text("utf-8"))}
-    networks = patch.object(command_line, "find_weights", Path)  # that a reader will have
+    networks = patch.object(parser, "find_weights", Path)  # that a reader will have
     with patch.object(tyro, "cli", cli), networks:
         said = {f"{page}: {shlex.join(each)}": refusal(*each) for each, page in told.items()}
     answer.send((len(said), {command: why for command, why in said.items() if why}))

@@ -11,8 +11,8 @@ from typing import get_args
 import pytest
 
 from common.metrics import METRICS, Values
-from common.run.config import RunConfig
 from common.run.epochs import EpochPhase, EpochRow
+from common.settings.config import RunConfig
 from docs import metrics, settings
 from learner.telemetry.sinks.curves import CurvesSink
 from learner.telemetry.snapshot import Histogram

@@ -11,7 +11,7 @@ import pytest
 from common.network import LAYERS, build_network
 from common.protocol.weights import encode_weights
 from common.run.folder import RunFolder
-from common.run.presets import PRESETS
+from common.settings.presets import PRESETS
 from tests.end_to_end.conftest import Stage
 from tests.paths import ROOT
 from tests.tiny_network import TINY

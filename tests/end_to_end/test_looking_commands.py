@@ -6,7 +6,7 @@ import cv2
 import pytest
 from safetensors.numpy import load_file
 
-from common.run.presets import PRESETS
+from common.settings.presets import PRESETS
 from tests.end_to_end.conftest import SMALL, Stage
 
 

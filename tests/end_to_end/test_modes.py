@@ -3,7 +3,7 @@
 import pytest
 
 from common.proprioception import vector_width
-from common.run.conditions import PlayConfig
+from common.settings.conditions import PlayConfig
 from tests.end_to_end.conftest import SMALL, Stage
 
 

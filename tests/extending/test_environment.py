@@ -21,11 +21,11 @@ from common.errors import InputError
 from common.network import QNetwork
 from common.registry import ENVIRONMENTS, Environment
 from common.run.clock import ClockConfig
-from common.run.conditions import PlayConfig
-from common.run.config import RunConfig, StreamConfig
-from common.run.own_settings import own_settings
-from common.run.presets import PRESETS
 from common.run.rules import check_config
+from common.settings.conditions import PlayConfig
+from common.settings.config import RunConfig, StreamConfig
+from common.settings.own_settings import own_settings
+from common.settings.presets import PRESETS
 from learner.options import LearnerOptions, run_name
 from learner.telemetry.sinks.screen import Screen
 from learner.telemetry.snapshot import Snapshot

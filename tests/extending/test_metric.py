@@ -7,7 +7,7 @@ from pathlib import Path
 from common.metrics import METRICS, Metric, declare
 from common.network import QNetwork
 from common.registry import ALGORITHMS, ENVIRONMENTS, AlgorithmKind
-from common.run.config import LearningConfig
+from common.settings.config import LearningConfig
 from learner.algorithm.double_dqn import DoubleDqnLoss
 from learner.algorithm.interface import Prepared, Update
 from learner.algorithm.value_based import ValueBased

@@ -15,9 +15,9 @@ from actors.robots.interface import Robot, ViewName
 from common.actions import Keys
 from common.registry import ROBOTS, RobotKind
 from common.run.clock import ClockConfig
-from common.run.conditions import CameraConfig, Conditions, PlayConfig
-from common.run.config import RunConfig, StreamConfig
-from common.run.presets import PRESETS
+from common.settings.conditions import CameraConfig, Conditions, PlayConfig
+from common.settings.config import RunConfig, StreamConfig
+from common.settings.presets import PRESETS
 from tests.extending.whole_run import added, learned
 
 PREPARATION = 2

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from benchmarks.entry_point import add_entry_point
+from common.command_line.played import settings_of
 from common.errors import InputError
 from common.network import build_network
-from common.process.played import settings_of
-from common.protocol.announcement import Announcement
-from common.protocol.weights import encode_weights
 from common.registry import SAMPLERS, SamplerKind
+from common.run.announcement import Announcement
+from common.run.network_file import encode_network_file
 from common.run.rules import check_config
 from replay.replay_buffer import ReplayBuffer
 from replay.samplers import UniformSampler
@@ -50,7 +50,7 @@ def test_actors_join_and_its_policy_plays_without_its_package(tmp_path: Path) ->
     told = Announcement("r", config, config.action_count, "id")
     assert Announcement.decode(told.encode()) == told
     weights = tmp_path / "w.safetensors"
-    weights.write_bytes(encode_weights(build_network(config, config.action_count), config))
+    weights.write_bytes(encode_network_file(build_network(config, config.action_count), config))
     assert settings_of(weights) == config.for_play
 
 

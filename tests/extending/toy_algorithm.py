@@ -7,8 +7,8 @@ from torch import Tensor
 from common.checked import Fraction
 from common.network import QNetwork
 from common.registry import AlgorithmKind
-from common.run.config import LearningConfig
-from common.run.own_settings import own_settings
+from common.settings.config import LearningConfig
+from common.settings.own_settings import own_settings
 from learner.algorithm.interface import Prepared, Update
 from learner.algorithm.value_based import ValueBased
 from learner.device import Device

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from common.checked import FromOne
 from common.registry import SamplerKind
-from common.run.config import ReplayConfig
-from common.run.own_settings import own_settings
+from common.settings.config import ReplayConfig
+from common.settings.own_settings import own_settings
 from replay.samplers import Ids, UniformSampler
 
 

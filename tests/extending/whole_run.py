@@ -18,10 +18,10 @@ from actors.member import Member
 from actors.policy import Policy
 from common.network import build_network
 from common.registry import Registry
-from common.run.config import RunConfig
 from common.run.folder import RunFolder
 from common.run.join import find_run
 from common.run.rules import check_config
+from common.settings.config import RunConfig
 from common.transport.interface import Transport
 from common.transport.signature import unsigned
 from learner.algorithm.interface import build_algorithm

@@ -21,15 +21,15 @@ from actors.stream.live_views import LiveViews
 from actors.stream.weights_client import WeightsClient
 from common.errors import InputError, MessageError
 from common.protocol.ack import Ack
-from common.protocol.announcement import Announcement
 from common.protocol.chunk import Game
 from common.protocol.evaluation import EvaluationJob, EvaluationReport
 from common.protocol.live_view import LiveView, ViewRequest
 from common.protocol.run_status import ActorStatus, HealthCheck, RunStatus
 from common.protocol.weights import encode_weights, load_weights
 from common.protocol.wire import encode_version
-from common.run.config import ProtocolConfig
-from common.run.presets import PRESETS
+from common.run.announcement import Announcement
+from common.settings.config import ProtocolConfig
+from common.settings.presets import PRESETS
 from common.transport.checksum import DamagedMessage, seal, unseal
 from common.transport.interface import Answer, Closeable, Envelope, Request
 from common.transport.signature import Signature, unsigned

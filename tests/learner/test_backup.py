@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from common.errors import InputError
-from common.process.exit_codes import INTERRUPTED
+from common.exit_codes import INTERRUPTED
 from common.run.folder import RunFolder
 from learner import backup
 from learner.backup import BackupOptions, back_up

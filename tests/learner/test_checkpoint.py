@@ -17,7 +17,7 @@ from safetensors.torch import save
 
 from common.errors import InputError
 from common.network import QNetwork
-from common.run.config import LearningConfig, RunConfig
+from common.settings.config import LearningConfig, RunConfig
 from learner.algorithm.double_dqn import double_dqn
 from learner.algorithm.interface import Algorithm
 from learner.checkpoint import Checkpoint, _crc32

@@ -21,8 +21,8 @@ from common.errors import InputError
 from common.protocol.chunk import Chunk
 from common.protocol.run_keys import DEMONSTRATIONS, RunKeys
 from common.registry import ENVIRONMENTS, Environment
-from common.run.config import RunConfig
 from common.run.folder import RunFolder
+from common.settings.config import RunConfig
 from learner import demonstrations
 from learner.demonstrations import Demonstrations, DemonstrationsRecord, begin_with, insert_all
 from replay.replay_buffer import ReplayBuffer

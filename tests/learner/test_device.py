@@ -9,7 +9,7 @@ from common.metrics import METRICS
 from common.native.kernel import NEEDS, PrecisionChoice
 from common.native.library import InstructionSet
 from common.network import QNetwork
-from common.run.config import LearningConfig
+from common.settings.config import LearningConfig
 from learner.device import Device, choose_device
 from tests.native import INSTRUCTION_SETS
 

@@ -8,12 +8,12 @@ from typing import Any
 
 import pytest
 
+from common.endpoint import check_free
 from common.errors import InputError
-from common.protocol.announcement import Announcement
 from common.protocol.run_keys import RunKeys
+from common.run.announcement import Announcement
 from common.run.folder import RunFolder
-from common.run.presets import PRESETS
-from common.transport.endpoint import check_free
+from common.settings.presets import PRESETS
 from common.transport.interface import Transport
 from learner.endpoints import open_pages, open_replay
 from learner.options import LearnerOptions

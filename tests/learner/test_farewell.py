@@ -11,7 +11,7 @@ import pytest
 
 from common.protocol.chunk import Game
 from common.protocol.evaluation import EvaluationReport
-from common.run.config import ProtocolConfig
+from common.settings.config import ProtocolConfig
 from learner.evaluation.coordinator import EpochTest, EvaluationCoordinator
 from learner.evaluation.snapshots import Snapshots
 from learner.farewell import Farewell

@@ -7,8 +7,8 @@ from itertools import cycle, islice
 import pytest
 
 from common.protocol.run_keys import DEMONSTRATIONS
-from common.run.config import RunConfig
-from common.run.presets import PRESETS
+from common.settings.config import RunConfig
+from common.settings.presets import PRESETS
 from learner import faulty_environments
 from learner.faulty_environments import FaultyEnvironments
 from learner.phases import Phases

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 import torch
 
+from common.command_line.run_options import parse_run
 from common.errors import InputError
 from common.network import QNetwork, build_network
-from common.process.run_options import parse_run
-from common.protocol.weights import encode_weights
-from common.run.config import RunConfig
+from common.run.network_file import encode_network_file
+from common.settings.config import RunConfig
 from learner.first_network import read_network
 from learner.options import LearnerOptions
 
@@ -30,7 +30,7 @@ def config(flags: tuple[str, ...]) -> RunConfig:
 def kept(trained: RunConfig, folder: Path) -> tuple[QNetwork, Path]:
     network = build_network(trained, trained.action_count)
     file = folder / "network.safetensors"
-    file.write_bytes(encode_weights(network, trained))
+    file.write_bytes(encode_network_file(network, trained))
     return network, file
 
 

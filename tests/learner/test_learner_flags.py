@@ -12,18 +12,19 @@ import torch
 from safetensors.numpy import save
 
 from actors.options import ActorOptions
+from common.command_line.parser import parse
+from common.command_line.played import parse_played
+from common.command_line.run_options import parse_run
 from common.errors import InputError
-from common.process.command_line import parse
-from common.process.exit_codes import NO_ROOM
+from common.exit_codes import NO_ROOM
 from common.process.log_lines import LOADING
-from common.process.played import parse_played
-from common.process.run_options import parse_run
 from common.protocol.weights import encode_weights
 from common.run.clock import ClockConfig
-from common.run.config import RunConfig
 from common.run.folder import RunFolder
-from common.run.presets import PRESETS
-from common.run.ranges import RandomiseConfig, all_ranges
+from common.run.network_file import encode_network_file
+from common.settings.config import RunConfig
+from common.settings.presets import PRESETS
+from common.settings.ranges import RandomiseConfig, all_ranges
 from learner.__main__ import main
 from learner.evaluation.__main__ import Evaluation
 from learner.first_network import first_network
@@ -166,7 +167,7 @@ def test_what_comes_from_the_initial_network_was_not_given(tmp_path: Path) -> No
     trained = learner("--env", "ale", *QR, "--learning.quantiles", "9")
     file = tmp_path / "nine.safetensors"
     here = RunFolder(tmp_path, "here")
-    file.write_bytes(encode_weights(first_network(trained, here), trained.config))
+    file.write_bytes(encode_network_file(first_network(trained, here), trained.config))
     made = learner("--env", "ale", "--initial", str(file), *DQN)
     assert (made.config.learning.algorithm, made.config.learning.quantiles) == ("dqn", 9)
 
@@ -538,7 +539,7 @@ def test_a_network_that_does_not_fit_says_what_it_is_for(
 ) -> None:
     file, here = tmp_path / "p.safetensors", RunFolder(tmp_path, "here")
     made = learner("--env", "ale", *trained)
-    file.write_bytes(encode_weights(first_network(made, here), made.config))
+    file.write_bytes(encode_network_file(first_network(made, here), made.config))
     asked = learner("--env", "ale", "--initial", str(file), *flags)
     with pytest.raises(InputError, match=rf"{file}, which plays pong .*: {advice}"):
         first_network(asked, here)

@@ -10,7 +10,7 @@ import pytest
 from common.process import supervisor
 from common.run.clock import ClockConfig
 from common.run.folder import RunFolder
-from common.run.presets import PRESETS
+from common.settings.presets import PRESETS
 from learner.local_launcher import launch
 from learner.options import LearnerOptions
 from tests.patience import PATIENCE

@@ -8,8 +8,8 @@ import torch
 
 from common.protocol.chunk import Game
 from common.protocol.run_keys import DEMONSTRATIONS
-from common.run.config import ProtocolConfig, ReplayConfig, RunConfig
 from common.run.epochs import EpochRow
+from common.settings.config import ProtocolConfig, ReplayConfig, RunConfig
 from learner.phases import Phases
 from learner.run_clock import RunClock
 from replay.chunk_statistics import ChunkStatistics

@@ -11,12 +11,12 @@ import pytest
 import torch
 
 from common.atomic_file import write_atomically
+from common.command_line.run_options import parse_run
 from common.errors import InputError
-from common.process.run_options import parse_run
-from common.protocol.weights import encode_weights
-from common.run.config import RunConfig
 from common.run.folder import RunFolder
+from common.run.network_file import encode_network_file
 from common.run.newest_learner import NewestLearner
+from common.settings.config import RunConfig
 from learner import process
 from learner.first_network import first_network
 from learner.options import LearnerOptions, stored_config
@@ -37,7 +37,7 @@ def test_a_start_that_is_killed_leaves_its_network_or_nothing_to_resume(
 
     folder = RunFolder(tmp_path, "r")
     given, network = tmp_path / "given.safetensors", first_network(options("--seed=7"), folder)
-    given.write_bytes(encode_weights(network, options().config))
+    given.write_bytes(encode_network_file(network, options().config))
 
     def killed(before: Any, after: Any) -> None:
         def last(path: Path, *content: Any) -> None:

@@ -9,15 +9,15 @@ from pathlib import Path
 import pytest
 import torch
 
+from common.command_line.played import settings_of
 from common.errors import InputError
+from common.exit_codes import INTERRUPTED
 from common.network import build_network
-from common.process.exit_codes import INTERRUPTED
-from common.process.played import settings_of
 from common.protocol.weights import encode_weights
-from common.run.config import RunConfig
-from common.run.presets import PRESETS
-from common.run.ranges import RandomiseConfig
-from common.run.stored_config import to_json
+from common.settings.config import RunConfig
+from common.settings.presets import PRESETS
+from common.settings.ranges import RandomiseConfig
+from common.settings.stored_config import to_json
 from learner.evaluation.snapshots import Snapshots
 from learner.publish import Options, main, publish
 from viewer.player import ShownPolicy

@@ -13,7 +13,7 @@ from common.errors import InputError
 from common.process.log_lines import kept_log
 from common.run.folder import RunFolder
 from common.run.newest_learner import Ended, NewestLearner
-from common.run.presets import PRESETS
+from common.settings.presets import PRESETS
 from learner.runs import main
 
 YEAR = date.today().year

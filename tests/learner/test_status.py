@@ -18,15 +18,15 @@ import pytest
 from rich.console import Console
 
 from common.checked import MAX_COUNT
+from common.endpoint import DEFAULT_ENDPOINT
 from common.errors import InputError, Unreachable
-from common.process.exit_codes import DONE, FAILED, UNREACHABLE
+from common.exit_codes import DONE, FAILED, UNREACHABLE
 from common.process.log_lines import kept_log
 from common.protocol.actor_stats import ActorStats
 from common.protocol.run_keys import RunKeys
 from common.protocol.run_status import HealthCheck
 from common.run.folder import RunFolder
 from common.run.newest_learner import NewestLearner
-from common.transport.endpoint import DEFAULT_ENDPOINT
 from common.transport.interface import Envelope, Transport
 from learner.folder_report import FolderReport
 from learner.status import Report, ask, main

@@ -27,8 +27,8 @@ from common.protocol.run_keys import DEMONSTRATIONS
 from common.protocol.run_status import HealthCheck
 from common.protocol.weights import are_finite
 from common.protocol.wire import decode_version
-from common.run.config import RunConfig
-from common.run.presets import PRESETS
+from common.settings.config import RunConfig
+from common.settings.presets import PRESETS
 from learner.algorithm.interface import Update
 from learner.broadcast import Broadcast
 from learner.health_guard import HealthGuard

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from common.protocol.chunk import Chunk, Game
 from common.protocol.step_fields import zero_steps
-from common.run.conditions import PlayConfig
-from common.run.config import LearningConfig, ReplayConfig, RunConfig, StreamConfig
+from common.settings.conditions import PlayConfig
+from common.settings.config import LearningConfig, ReplayConfig, RunConfig, StreamConfig
 
 RUN = "test"
 GOES_ON, TERMINATES, TRUNCATES = 0, 1, 2

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from common.checked import build
 from common.protocol.chunk import Game
-from common.run.config import MAX_WINDOW
+from common.settings.config import MAX_WINDOW
 from replay.chunk_index import ChunkIndex, ChunkKey, Received, chunk_entry, tail_entry
 from replay.chunk_statistics import MAX_STATISTICS, ChunkStatistics, ReplayProgress
 from replay.ring import Placement

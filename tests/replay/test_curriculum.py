@@ -6,8 +6,8 @@ from dataclasses import replace
 import pytest
 
 from common.protocol.chunk import Game
-from common.run.config import RunConfig
-from common.run.presets import PRESETS
+from common.settings.config import RunConfig
+from common.settings.presets import PRESETS
 from replay.chunk_statistics import ChunkStatistics
 from replay.curriculum import curriculum_steps
 

@@ -1,6 +1,6 @@
 import pytest
 
-from common.run.config import LearningConfig, ReplayConfig, RunConfig
+from common.settings.config import LearningConfig, ReplayConfig, RunConfig
 from replay.limiter import RateLimiter
 
 

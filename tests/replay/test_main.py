@@ -15,9 +15,9 @@ import numpy as np
 import pytest
 
 from benchmarks.child import free_endpoint
-from common.process.run_options import parse_run
+from common.command_line.run_options import parse_run
 from common.run.join import find_run
-from common.run.presets import PRESETS
+from common.settings.presets import PRESETS
 from common.transport.chosen import connect
 from learner.options import LearnerOptions
 from replay import __main__ as replay_main

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from common.checked import MAX_COUNT
 from common.errors import InputError, MessageError
 from common.protocol.chunk import Chunk, Game
-from common.run.config import RunConfig
+from common.settings.config import RunConfig
 from replay.batch import Batch
 from replay.journal import Entry, Journal
 from replay.replay_buffer import ReplayBuffer

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from common.protocol.chunk import Chunk
-from common.run.conditions import PlayConfig
-from common.run.config import LearningConfig, RunConfig
+from common.settings.conditions import PlayConfig
+from common.settings.config import LearningConfig, RunConfig
 from replay.columns import Columns
 from replay.ring import Placement, Ring
 from tests.replay.replay_reference import (

@@ -22,8 +22,8 @@ from common.process.log_lines import kept_log
 from common.protocol.ack import Ack
 from common.protocol.run_keys import DEMONSTRATIONS, RunKeys
 from common.protocol.wire import pack
-from common.run.config import StreamConfig
 from common.run.join import find_run
+from common.settings.config import StreamConfig
 from common.transport.interface import Envelope, Request, Transport, Unanswered
 from common.transport.leaky_bucket import NEW_NAMES_PER_SECOND, LeakyBucket
 from replay import server as replay_server

@@ -5,7 +5,7 @@ from typing import TypeVar
 
 import pytest
 
-from common.process.played import Played, parse_played
+from common.command_line.played import Played, parse_played
 from viewer.__main__ import main
 
 P = TypeVar("P", bound=Played)

@@ -10,10 +10,10 @@ import pytest
 
 from common.errors import InputError
 from common.registry import ENVIRONMENTS
-from common.run.conditions import PERFECT_CAMERA, CameraConfig, Conditions, PlayConfig
-from common.run.presets import PRESETS
-from common.run.ranges import RandomiseConfig, all_ranges
-from common.run.stored_config import to_json
+from common.settings.conditions import PERFECT_CAMERA, CameraConfig, Conditions, PlayConfig
+from common.settings.presets import PRESETS
+from common.settings.ranges import RandomiseConfig, all_ranges
+from common.settings.stored_config import to_json
 from tests.extending.test_environment import LAMPS
 from tests.extending.whole_run import added
 from tests.viewer.commands import parsed

@@ -20,10 +20,11 @@ from common.protocol.weights import encode_weights
 from common.registry import ENVIRONMENTS, ROBOTS
 from common.run.epochs import COLUMNS, EpochTable
 from common.run.folder import RunFolder
+from common.run.network_file import encode_network_file
 from common.run.newest_learner import NewestLearner
 from common.run.origin import find_weights
-from common.run.presets import PRESETS
-from common.run.stored_config import to_json
+from common.settings.presets import PRESETS
+from common.settings.stored_config import to_json
 from tests.common.run.test_epochs import TRAIN as ROW
 from tests.extending.test_environment import CONFIG as LAMPS_CONFIG
 from tests.extending.test_environment import LAMPS
@@ -161,7 +162,7 @@ def test_an_environment_from_outside_is_filmed_as_it_renders_itself(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     weights = tmp_path / "lamps.safetensors"
-    weights.write_bytes(encode_weights(build_network(LAMPS_CONFIG, 3), LAMPS_CONFIG))
+    weights.write_bytes(encode_network_file(build_network(LAMPS_CONFIG, 3), LAMPS_CONFIG))
     video = tmp_path / "lamps.mp4"
     with added(ENVIRONMENTS, LAMPS):
         parsed(Film, weights, "--video", video, "--seconds", 2.4).run(threading.Event())
@@ -203,7 +204,7 @@ def test_a_robot_from_outside_is_filmed_by_its_own_views(tmp_path: Path) -> None
     config = finger_config()
     with added(ROBOTS, FINGER):
         network = build_network(config, config.action_count)
-        weights.write_bytes(encode_weights(network, config))
+        weights.write_bytes(encode_network_file(network, config))
         parsed(Film, weights, "--video", video, "--seconds", 0.2).run(threading.Event())
     pictures = pictures_of(video)
     assert len(pictures) == 3

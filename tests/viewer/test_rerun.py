@@ -19,8 +19,8 @@ from actors.robots.room.engine import joints_of
 from actors.robots.room.furniture import PICTURE_CORNERS
 from actors.vision.layout import BORDER
 from common.actions import Keys
+from common.command_line.played import settings_of
 from common.errors import InputError
-from common.process.played import settings_of
 from common.registry import ENVIRONMENTS, ROBOTS
 from common.run.origin import find_weights
 from tests.extending.test_environment import CONFIG as LAMPS_CONFIG

@@ -19,21 +19,22 @@ from actors.envs.eye import Eye
 from actors.robots.latency import Change
 from actors.robots.nao.assembly import write_nao
 from actors.vision.screen_detector import ScreenDetector
+from common.command_line.parser import parse
+from common.command_line.played import Played
 from common.errors import InputError
+from common.exit_codes import INTERRUPTED
 from common.network import build_network
 from common.pinned_file import pin
-from common.process.command_line import parse
-from common.process.exit_codes import INTERRUPTED
 from common.process.log_lines import LOADING
-from common.process.played import Played
 from common.protocol.weights import encode_weights
 from common.registry import ENVIRONMENTS, ROBOTS, Environment, RobotKind
 from common.run.clock import ClockConfig
-from common.run.conditions import CameraConfig, PlayConfig
-from common.run.config import RunConfig
-from common.run.presets import PRESETS
-from common.run.ranges import RandomiseConfig
-from common.run.stored_config import to_json
+from common.run.network_file import encode_network_file
+from common.settings.conditions import CameraConfig, PlayConfig
+from common.settings.config import RunConfig
+from common.settings.presets import PRESETS
+from common.settings.ranges import RandomiseConfig
+from common.settings.stored_config import to_json
 from tests.actors.robots.latency_model.models import delay, saved
 from tests.extending.test_environment import LAMPS
 from tests.extending.whole_run import added
@@ -303,7 +304,7 @@ def test_without_a_robots_joints_the_emulators_network_plays_by_a_robot(tmp_path
     play = replace(PRESETS["fast"].play, vector=True)
     config = replace(PRESETS["fast"], play=play)
     weights = tmp_path / "w.safetensors"
-    weights.write_bytes(encode_weights(build_network(config, 6), config))
+    weights.write_bytes(encode_network_file(build_network(config, 6), config))
     with pytest.raises(InputError, match=r"of proprioception: give .*--env ale"):
         parsed(Play, weights, "--env", "robot").config()
     found = parsed(Play, weights, "--env", "robot", "--play.no-vector-joints").config()

@@ -22,10 +22,10 @@ from actors.loop import play
 from benchmarks.entry_point import add_entry_point
 from common.errors import InputError
 from common.network import build_network
-from common.protocol.weights import encode_weights
 from common.registry import ENVIRONMENTS, ROBOTS
-from common.run.conditions import PlayConfig
-from common.run.presets import PRESETS
+from common.run.network_file import encode_network_file
+from common.settings.conditions import PlayConfig
+from common.settings.presets import PRESETS
 from tests.extending.test_environment import CONFIG as LAMPS_CONFIG
 from tests.extending.test_environment import LAMPS
 from tests.extending.test_robot import FINGER
@@ -374,7 +374,7 @@ def test_a_person_watches_an_environment_from_outside(
     add_entry_point(tmp_path, "l", "environment", "lamps", "tests.extending.test_environment:LAMPS")
     monkeypatch.setenv("PYTHONPATH", f"{ROOT}{os.pathsep}{tmp_path}")
     weights = tmp_path / "w.safetensors"
-    weights.write_bytes(encode_weights(build_network(LAMPS_CONFIG, 3), LAMPS_CONFIG))
+    weights.write_bytes(encode_network_file(build_network(LAMPS_CONFIG, 3), LAMPS_CONFIG))
     person = Person("watch", str(weights), columns=300)  # the last line has the whole path
     person.sees(r"plays lamps, 1 game over")
     person.types(b"q")

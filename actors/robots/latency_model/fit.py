@@ -32,13 +32,13 @@ from actors.robots.latency_model.weights import (
 from common.actions import KEYS_OF_ACTION, Keys, action_of_keys
 from common.atomic_file import check_new_file
 from common.checked import FromOne
+from common.command_line.parser import parse
 from common.games import MINIMAL_ACTIONS, SCREEN_SHAPE, check_game
-from common.process.command_line import parse
 from common.process.program_end import exit_on_input_error
 from common.process.progress import Progress
 from common.registry import ROBOTS
-from common.run.conditions import FRAMES_PER_SECOND, CameraConfig, PlayConfig
-from common.run.own_settings import ROBOT, check_own_settings
+from common.settings.conditions import FRAMES_PER_SECOND, CameraConfig, PlayConfig
+from common.settings.own_settings import ROBOT, check_own_settings
 
 _HELD = (1, 2, 4, 12)
 """Mean numbers of agent steps for which a command is held, one in each fourth of the steps: where

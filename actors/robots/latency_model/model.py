@@ -7,8 +7,8 @@ import numpy as np
 
 from actors.robots.latency_model.weights import ACTIONS, COMMANDS, ROW, ModelWeights, read_weights
 from common.actions import KEYS_OF_ACTION, Keys, action_of_keys
-from common.run.conditions import FRAMES_PER_SECOND, LatencyModelSettings, PlayConfig
-from common.run.own_settings import own_settings
+from common.settings.conditions import FRAMES_PER_SECOND, LatencyModelSettings, PlayConfig
+from common.settings.own_settings import own_settings
 
 _NOTHING = (0, ACTIONS)
 

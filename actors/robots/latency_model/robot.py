@@ -3,7 +3,7 @@
 from actors.robots.latency_model.model import LatencyModel
 from actors.robots.nao.robot import Nao
 from common.actions import Keys
-from common.run.conditions import CameraConfig, PlayConfig
+from common.settings.conditions import CameraConfig, PlayConfig
 
 
 class ModelledNao(Nao):

@@ -14,7 +14,7 @@ from actors.robots.room.sensor import Backdrop
 from actors.vision.layout import BORDER, GAME_IN_PICTURE, UNIT_SQUARE
 from actors.vision.stray_light import StrayLight, has_stray_light
 from actors.vision.window import window_around
-from common.run.conditions import CameraConfig
+from common.settings.conditions import CameraConfig
 
 _FINER = 8
 """Samples per pixel and axis for the share of a pixel that the picture's outer edge covers."""

@@ -27,7 +27,7 @@ from actors.robots.room.still_view import StillView
 from actors.robots.room.viewpoint import Viewpoint, Views
 from common.actions import Keys
 from common.games import SCREEN_SHAPE
-from common.run.conditions import (
+from common.settings.conditions import (
     DEFAULT_PLAY,
     FRAMES_PER_SECOND,
     PERFECT_CAMERA,

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from actors.vision.lens import Lens
 from actors.vision.window import Window, within
-from common.run.conditions import CameraConfig
+from common.settings.conditions import CameraConfig
 
 _GRAIN_FRAMES = 4
 """Noise drawn per game, in pictures. Each picture gets a random section of it, because drawing

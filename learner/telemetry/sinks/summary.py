@@ -10,7 +10,7 @@ from typing import Any
 
 from common.atomic_file import write_atomically
 from common.metrics import METRICS
-from common.run.config import RunConfig
+from common.settings.config import RunConfig
 from common.strict_json import dumps
 from learner.telemetry.sinks.sink import Sink
 from learner.telemetry.snapshot import ActorView, Snapshot

@@ -17,13 +17,13 @@ from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
 
 from common.actions import KEYS_OF_ACTION
+from common.endpoint import is_loopback
 from common.process.http_server import HttpServer
 from common.protocol.live_view import LiveView, Viewpoint, ViewRequest
-from common.run.config import MAX_ENVS, RunConfig
 from common.run.epochs import EpochRow, EpochTable
 from common.run.folder import RunFolder
+from common.settings.config import MAX_ENVS, RunConfig
 from common.strict_json import strict
-from common.transport.endpoint import is_loopback
 from learner.telemetry.formats import metrics_of
 from learner.telemetry.live_feed import Asked, LiveFeed
 from learner.telemetry.sinks.sink import Sink

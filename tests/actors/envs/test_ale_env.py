@@ -16,8 +16,8 @@ from actors.envs.step_info import StepInfo
 from ale_robot.environments import env_id
 from common.actions import Keys
 from common.errors import InputError
-from common.run.conditions import PlayConfig
-from common.run.config import RunConfig
+from common.settings.conditions import PlayConfig
+from common.settings.config import RunConfig
 from tests.actors.envs.narrowed import frames_of, rom_of
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from actors.envs.robot import RobotEnv
 from common.games import GAMES
-from common.run.conditions import PlayConfig
+from common.settings.conditions import PlayConfig
 
 # A picture of 250 rows; black to its very edge; one that flashes all over; one that starts black.
 UNUSUAL = ("carnival", "asteroids", "yars_revenge", "video_cube")

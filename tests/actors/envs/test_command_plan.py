@@ -23,8 +23,8 @@ from actors.robots.latency_model.weights import ModelWeights
 from common.actions import KEYS_OF_ACTION, Keys, action_of_keys
 from common.errors import InputError
 from common.pinned_file import pin
-from common.run.conditions import PlayConfig
-from common.run.presets import PRESETS
+from common.settings.conditions import PlayConfig
+from common.settings.presets import PRESETS
 from tests.actors.envs.test_latency_equaliser import play, schedule
 from tests.actors.robots.latency_model.models import Arrays, delay, drawn, plain, saved
 

@@ -10,7 +10,7 @@ from actors.envs import eye as eye_module
 from actors.envs.eye import Eye
 from actors.robots.room.sensor import Sensor
 from actors.vision.screen_detector import Detection
-from common.run.conditions import CameraConfig
+from common.settings.conditions import CameraConfig
 
 SHAPE = (84, 84)
 

@@ -15,8 +15,8 @@ from actors.envs.eye_timing import eye_latency
 from actors.envs.game_env import GameEnv
 from actors.envs.robot import RobotEnv
 from actors.robots.room.sensor import Sensor
-from common.run.conditions import CameraConfig, PlayConfig
-from common.run.ranges import RandomiseConfig
+from common.settings.conditions import CameraConfig, PlayConfig
+from common.settings.ranges import RandomiseConfig
 
 SCREEN = np.arange(60, dtype=np.uint8).reshape(6, 10)
 EQUAL = 12

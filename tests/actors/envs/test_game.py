@@ -9,7 +9,7 @@ import pytest
 
 from actors.envs.emulator import Emulator
 from actors.envs.game import AtariGame
-from common.run.conditions import PlayConfig
+from common.settings.conditions import PlayConfig
 
 _NO_START = PlayConfig(random_starts=0)
 

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from actors.envs.hand_timing import key_latencies
 from actors.envs.late_commands import hands_of
 from common.actions import Keys
-from common.run.conditions import PlayConfig
+from common.settings.conditions import PlayConfig
 from tests.actors.envs.uneven_hands import UnevenHands
 
 PONG = Keys.LEFT | Keys.RIGHT | Keys.FIRE

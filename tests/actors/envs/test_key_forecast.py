@@ -12,7 +12,7 @@ from actors.envs.late_commands import hands_of
 from actors.envs.proprioception import Proprioception
 from actors.envs.robot import RobotEnv
 from common.actions import KEYS_OF_ACTION, Keys
-from common.run.conditions import PlayConfig
+from common.settings.conditions import PlayConfig
 
 FRAMES = 24
 ACTIONS = st.lists(st.integers(0, 17), min_size=1, max_size=6)

@@ -12,7 +12,7 @@ from actors.envs.modelled_hand import ModelledHand
 from actors.envs.robot import RobotEnv
 from common.actions import Keys
 from common.press_latency import COUNTS, MAX_FRAMES, KeyLatency, ms_of, place_of
-from common.run.conditions import PlayConfig
+from common.settings.conditions import PlayConfig
 from tests.paths import ROOT
 
 NONE, UP, DOWN, FIRE = Keys.NONE, Keys.UP, Keys.DOWN, Keys.FIRE

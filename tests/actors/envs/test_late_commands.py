@@ -15,7 +15,7 @@ from actors.envs.robot import RobotEnv
 from actors.robots.interface import Hands
 from actors.robots.nao.robot import Nao
 from common.actions import KEYS_OF_ACTION, Keys
-from common.run.conditions import PlayConfig
+from common.settings.conditions import PlayConfig
 
 NONE, UP, DOWN, FIRE = Keys.NONE, Keys.UP, Keys.DOWN, Keys.FIRE
 

@@ -13,7 +13,7 @@ from actors.envs.latency_equaliser import LatencyEqualiser
 from actors.envs.robot import RobotEnv
 from actors.robots.interface import Hands
 from common.actions import KEYS_OF_ACTION, Keys
-from common.run.conditions import MAX_ADDED, MAX_GAP, PlayConfig
+from common.settings.conditions import MAX_ADDED, MAX_GAP, PlayConfig
 from tests.actors.envs.uneven_hands import UnevenHands
 
 EQUAL = 12

@@ -14,7 +14,7 @@ from actors.envs.robot import RobotEnv
 from actors.robots.interface import Hands
 from common.actions import KEYS_OF_ACTION, Keys
 from common.run.clock import ClockConfig
-from common.run.conditions import PlayConfig
+from common.settings.conditions import PlayConfig
 from tests.actors.envs.narrowed import nao_of
 
 NONE, UP, DOWN, FIRE = Keys.NONE, Keys.UP, Keys.DOWN, Keys.FIRE

@@ -15,8 +15,8 @@ from actors.envs.observation import observation_space
 from actors.envs.proprioception import Proprioception
 from actors.envs.robot import RobotEnv
 from common.actions import KEYS_OF_ACTION, Keys
-from common.run.conditions import MAX_PICTURE_LATENCY, PlayConfig
-from common.run.config import RunConfig
+from common.settings.conditions import MAX_PICTURE_LATENCY, PlayConfig
+from common.settings.config import RunConfig
 from tests.actors.envs.narrowed import nao_of
 
 PLAY = PlayConfig(vector=True, random_starts=0)

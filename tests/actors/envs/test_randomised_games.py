@@ -16,9 +16,9 @@ from actors.envs.frame_camera import FrameCamera
 from actors.envs.observation import frames_and_vector
 from actors.envs.robot import RobotEnv
 from actors.vision.layout import GAME_IN_PICTURE
-from common.run.conditions import CameraConfig, PlayConfig
-from common.run.config import RunConfig
-from common.run.ranges import RandomiseConfig, all_ranges, draw
+from common.settings.conditions import CameraConfig, PlayConfig
+from common.settings.config import RunConfig
+from common.settings.ranges import RandomiseConfig, all_ranges, draw
 from tests.actors.envs.narrowed import frames_of, nao_of
 
 PLAY = PlayConfig(random_starts=3, vector=True)

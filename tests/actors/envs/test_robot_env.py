@@ -17,7 +17,7 @@ from actors.envs.robot import RobotEnv
 from ale_robot.environments import env_id
 from common.actions import KEYS_OF_ACTION, Keys
 from common.errors import InputError
-from common.run.conditions import PlayConfig
+from common.settings.conditions import PlayConfig
 from tests.actors.envs.narrowed import frames_of, nao_of
 from tests.actors.envs.sticky_reference import StickyActions
 

@@ -4,7 +4,7 @@ import pytest
 
 from actors.envs.world import World
 from common.actions import KEYS_OF_ACTION, Keys, action_of_keys
-from common.run.conditions import PlayConfig
+from common.settings.conditions import PlayConfig
 
 UP, FIRE = Keys.UP, Keys.FIRE
 

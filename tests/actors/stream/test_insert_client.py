@@ -14,8 +14,8 @@ from actors.stream.insert_client import InsertClient
 from common.errors import InputError
 from common.protocol.ack import Ack
 from common.protocol.run_keys import RunKeys
-from common.run.config import StreamConfig
-from common.run.presets import PRESETS
+from common.settings.config import StreamConfig
+from common.settings.presets import PRESETS
 from common.transport.interface import Request, Transport
 from tests.hub_stubs import STORED, PendingRequests, acknowledge
 from tests.in_process_transport import InProcessHub

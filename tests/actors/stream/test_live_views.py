@@ -33,8 +33,8 @@ from common.protocol.live_view import (
     ViewRequest,
 )
 from common.protocol.run_keys import RunKeys
-from common.run.conditions import PlayConfig
-from common.run.presets import PRESETS
+from common.settings.conditions import PlayConfig
+from common.settings.presets import PRESETS
 from common.transport.interface import Envelope, Transport
 from tests.actors.numbered_env import GOES_ON, NumberedEnv
 from tests.patience import PATIENCE

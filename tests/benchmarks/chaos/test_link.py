@@ -10,7 +10,7 @@ import pytest
 
 from benchmarks.chaos.faults import FAULTS
 from benchmarks.chaos.link import Link
-from common.transport.endpoint import check_endpoint
+from common.endpoint import check_endpoint
 
 
 def test_lost_pieces_wait_as_long_as_tcp_does_and_arrive_in_order() -> None:

@@ -18,7 +18,7 @@ RESULTS = PAGE.parent / "results"
 
 
 SETTINGS = ("config", "conditions", "ranges")
-"""Modules of `common/run` that declare settings."""
+"""Modules of `common/settings` that declare settings."""
 LOST = {"26313b4"}
 """Commits of results, whose notes say that they are lost; no other may join them."""
 A_COMMIT = re.compile(r"\b(?=[0-9a-f]*[a-f])(?=[0-9a-f]*[0-9])([0-9a-f]{40}|[0-9a-f]{7})\b")
@@ -77,7 +77,8 @@ def test_every_commit_that_a_page_a_result_or_a_card_names_is_in_the_history(
 def test_the_flags_of_each_row_are_known_at_its_commit(history: set[str]) -> None:
     @cache
     def settings_at(commit: str) -> str:
-        held = ("common/config.py", *(f"common/run/{n}.py" for n in SETTINGS))
+        folders = ("", "run/", "settings/")  # where they have lived
+        held = [f"common/{folder}{name}.py" for folder in folders for name in SETTINGS]
         there = git("ls-tree", "-r", "--name-only", commit, "--", *held).split()
         return "".join(git("show", f"{commit}:{file}") for file in there)
 

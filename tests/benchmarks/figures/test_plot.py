@@ -23,8 +23,8 @@ from benchmarks.figures.plot_robustness import Grid, robustness_figure
 from benchmarks.lab import hand_latency
 from common.errors import InputError
 from common.run.epochs import EpochTable
-from common.run.presets import PRESETS
-from common.run.stored_config import to_json
+from common.settings.presets import PRESETS
+from common.settings.stored_config import to_json
 from learner.figures.plot import Options, main
 from learner.figures.plot_runs import read_groups
 from learner.figures.plot_style import RANDOM, line_figure, mean_line, save

@@ -10,13 +10,13 @@ import pytest
 
 from benchmarks.lab import adaptation
 from benchmarks.report import run
+from common.command_line.run_options import parse_run
 from common.errors import InputError
-from common.process.run_options import parse_run
-from common.run.config import RunConfig
 from common.run.epochs import EpochTable
 from common.run.folder import RunFolder
 from common.run.origin import origin_of
-from common.run.presets import PRESETS
+from common.settings.config import RunConfig
+from common.settings.presets import PRESETS
 from learner.options import LearnerOptions
 from tests.end_to_end.conftest import SMALL
 from tests.epoch_rows import epoch_row

@@ -15,7 +15,7 @@ from benchmarks.lab.equal_hands import keys_held, random_commands
 from common.actions import Keys
 from common.errors import InputError
 from common.registry import ROBOTS, RobotKind
-from common.run.conditions import MAX_ADDED
+from common.settings.conditions import MAX_ADDED
 from tests.actors.robots.latency_model.models import delay, saved
 from tests.extending.whole_run import added
 

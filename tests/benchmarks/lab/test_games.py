@@ -12,8 +12,8 @@ from benchmarks.figures.plot import FIGURES
 from benchmarks.lab import games, policy
 from benchmarks.lab.policy import summary_of_all
 from benchmarks.report import run
+from common.command_line.run_options import parse_run
 from common.errors import InputError
-from common.process.run_options import parse_run
 from common.run.epochs import EpochTable
 from common.run.folder import RunFolder
 from learner.figures.plot import Options as Drawing

@@ -9,8 +9,8 @@ import pytest
 
 from benchmarks import report
 from benchmarks.lab.ladder import COLUMNS, FLAGS, Options, Rung, add_row, row_of
+from common.command_line.run_options import parse_run
 from common.errors import InputError
-from common.process.run_options import parse_run
 from common.run.epochs import EpochPhase, EpochRow, EpochTable
 from learner.figures.plot_histogram import read_evaluations
 from learner.options import LearnerOptions

@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from benchmarks.lab import policy
+from common.command_line.run_options import parse_run
 from common.errors import InputError
-from common.process.run_options import parse_run
 from common.run.folder import RunFolder
 from learner.options import LearnerOptions, stored_config
 

@@ -21,13 +21,13 @@ from benchmarks.lab.policy import summary_of_all
 from benchmarks.peer_dqn import Point
 from benchmarks.report import run
 from common.checked import MAX_NAME
+from common.command_line.run_options import parse_run
 from common.errors import InputError
-from common.process.run_options import parse_run
 from common.registry import ENVIRONMENTS
 from common.run.clock import ClockConfig
-from common.run.config import RunConfig
 from common.run.epochs import EpochTable
 from common.run.folder import RunFolder
+from common.settings.config import RunConfig
 from learner.evaluation import offline
 from learner.evaluation.options import EvaluationOptions
 from learner.figures.plot import Options as Drawing

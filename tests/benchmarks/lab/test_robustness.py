@@ -12,11 +12,11 @@ from benchmarks.lab import robustness
 from benchmarks.lab.policy import evaluate
 from benchmarks.lab.robustness import OPTICS, cell_flags
 from benchmarks.report import run
+from common.command_line.parser import flag_in
+from common.command_line.played import parse_played
 from common.errors import InputError
-from common.process.command_line import flag_in
-from common.process.played import parse_played
-from common.run.config import RunConfig
-from common.run.ranges import RandomiseConfig
+from common.settings.config import RunConfig
+from common.settings.ranges import RandomiseConfig
 from learner.evaluation.__main__ import Evaluation
 from tests.paths import ROOT
 

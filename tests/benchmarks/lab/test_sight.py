@@ -24,7 +24,7 @@ from benchmarks.lab.sight_poses import (
 )
 from benchmarks.lab.sight_probe import collect, probe
 from benchmarks.report import run
-from common.run.conditions import CameraConfig
+from common.settings.conditions import CameraConfig
 
 GAMES = ("pong", "space_invaders", "asteroids")
 

@@ -12,10 +12,10 @@ from benchmarks.lab import transfer
 from benchmarks.lab.ladder import FLAGS, Rung
 from benchmarks.lab.policy import evaluate
 from benchmarks.report import run
+from common.command_line.run_options import parse_run
 from common.errors import InputError
-from common.process.run_options import parse_run
-from common.run.config import RunConfig
-from common.run.presets import PRESETS
+from common.settings.config import RunConfig
+from common.settings.presets import PRESETS
 from learner.options import LearnerOptions
 from tests.paths import ROOT
 

@@ -8,7 +8,7 @@ from common.native import kernel as module
 from common.native.kernel import KernelChoice, bfloat16_is_faster, choose_kernel
 from common.native.library import InstructionSet, NativeUnavailableError
 from common.network import QNetwork
-from common.run.config import LearningConfig
+from common.settings.config import LearningConfig
 
 _V3 = ("avx2", "bmi", "bmi2", "f16c", "fma3", "lzcnt")
 _V4 = (*_V3, "avx512_f", "avx512_bw", "avx512_cd", "avx512_dq", "avx512_vl")

@@ -16,7 +16,7 @@ from torch import Tensor, nn
 from common.native.library import InstructionSet
 from common.native.network import NativeQNetwork
 from common.network import QNetwork
-from common.run.config import LearningConfig
+from common.settings.config import LearningConfig
 from tests.common.test_network import frames_of
 from tests.native import INSTRUCTION_SETS, torch_threads
 

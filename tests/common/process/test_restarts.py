@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from common.process.exit_codes import EXIT_CODES
+from common.exit_codes import EXIT_CODES
 from tests.paths import ROOT
 from tests.patience import PATIENCE, wait_until
 

@@ -7,7 +7,7 @@ from itertools import count
 import pytest
 
 from common.errors import InputError
-from common.process.exit_codes import FAILED
+from common.exit_codes import FAILED
 from common.process.threads import end_with_any_thread, repeat
 from tests.patience import PATIENCE
 

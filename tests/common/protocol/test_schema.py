@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from common.checked import Rows
 from common.protocol.message import Array, Message, dtype_of
 from common.protocol.wire import SCHEMA
-from common.run.config import RunConfig
+from common.settings.config import RunConfig
 from tests.paths import ROOT
 
 DECLARED = (9, "3aff05d67423fdf5")

@@ -16,10 +16,10 @@ import pytest
 
 from common.atomic_file import write_atomically
 from common.errors import InputError
-from common.run.config import RunConfig
 from common.run.epochs import EpochTable
 from common.run.folder import JOURNAL, Part, RunFolder
-from common.run.presets import PRESETS
+from common.settings.config import RunConfig
+from common.settings.presets import PRESETS
 from learner.demonstrations import DemonstrationsRecord
 from replay.journal import read_journal
 from tests.paths import ROOT
@@ -250,7 +250,7 @@ def test_who_only_looks_whether_a_part_is_at_work_does_not_keep_it_from_others(
 HOLDER = """
 import sys
 from pathlib import Path
-from common.run.presets import PRESETS
+from common.settings.presets import PRESETS
 from learner.demonstrations import DemonstrationsRecord
 from replay.journal import read_journal
 from common.run.folder import RunFolder

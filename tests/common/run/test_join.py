@@ -10,13 +10,13 @@ from unittest.mock import Mock
 import pytest
 
 from common.errors import InputError, Unreachable
-from common.protocol.announcement import Announcement
 from common.protocol.run_keys import RunKeys
 from common.protocol.wire import SCHEMA, pack
 from common.run import join
-from common.run.config import RunConfig
+from common.run.announcement import Announcement
 from common.run.join import find_run, patiently
-from common.run.presets import PRESETS
+from common.settings.config import RunConfig
+from common.settings.presets import PRESETS
 from common.transport.interface import Closeable, Transport
 from tests.patience import PATIENCE
 

@@ -9,11 +9,12 @@ from safetensors.torch import save
 from common.errors import InputError
 from common.network import build_network
 from common.protocol.weights import encode_weights
-from common.run.config import RunConfig
 from common.run.folder import RunFolder
+from common.run.network_file import encode_network_file
 from common.run.origin import SHIPPED, find_weights, not_a_network, origin_of, run_meant_by
-from common.run.presets import PRESETS
-from common.run.stored_config import to_json
+from common.settings.config import RunConfig
+from common.settings.presets import PRESETS
+from common.settings.stored_config import to_json
 
 TRAINED = replace(PRESETS["robot"], play=replace(PRESETS["robot"].play, vector=True))
 
@@ -21,7 +22,7 @@ TRAINED = replace(PRESETS["robot"], play=replace(PRESETS["robot"].play, vector=T
 def test_a_file_on_its_own_tells_the_settings_of_its_training(tmp_path: Path) -> None:
     file, card = tmp_path / "p.safetensors", tmp_path / "p.json"
     network = build_network(TRAINED, 6)
-    file.write_bytes(encode_weights(network, TRAINED))
+    file.write_bytes(encode_network_file(network, TRAINED))
     assert origin_of(file) == TRAINED
     card.write_text(f'{{"config": {to_json(RunConfig())}}}')  # which somebody gave the same name
     assert origin_of(file) == TRAINED
@@ -42,7 +43,7 @@ def test_the_network_of_a_run_that_lost_its_newest_is_the_one_before(tmp_path: P
     run.config_file.write_text(to_json(TRAINED))
     with pytest.raises(InputError, match=r"r/checkpoint\.safetensors does not exist"):
         find_weights(run.path)
-    run.previous.write_bytes(encode_weights(build_network(TRAINED, 6), TRAINED))
+    run.previous.write_bytes(encode_network_file(build_network(TRAINED, 6), TRAINED))
     assert find_weights(run.path) == run.previous
     run.checkpoint.write_bytes(b"half of it")
     assert find_weights(run.path) == run.checkpoint

@@ -11,13 +11,13 @@ from common.errors import InputError, MessageError
 from common.proprioception import vector_width
 from common.protocol.step_fields import FRAME_SHAPE, STEP_FIELDS, Column, StepField
 from common.registry import ENVIRONMENTS
-from common.run.conditions import PlayConfig
-from common.run.config import RunConfig
-from common.run.presets import PRESETS
 from common.run.rules import check_chosen, check_config
+from common.settings.conditions import PlayConfig
+from common.settings.config import RunConfig
+from common.settings.presets import PRESETS
 from replay.batch import SharedBatch
 from replay.messages import HeldOutStates
-from tests.common.run.test_config import changed
+from tests.common.settings.test_config import changed
 from tests.extending.whole_run import added
 
 

@@ -17,7 +17,7 @@ import pytest
 
 from benchmarks.chaos.certificates import expired
 from common.errors import InputError
-from common.process.exit_codes import BAD_INPUT
+from common.exit_codes import BAD_INPUT
 from common.protocol.live_view import MAX_VIEW_BYTES
 from common.protocol.run_keys import RunKeys
 from common.transport.credentials import Role, check_certificates, own_name

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from common.endpoint import check_endpoint
 from common.protocol.run_keys import RunKeys
 from common.transport import zenoh_sessions
-from common.transport.endpoint import check_endpoint
 from common.transport.hub_sockets import open_files
 from common.transport.zenoh_sessions import connect, open_hub
 from common.transport.zenoh_transport import ZenohTransport

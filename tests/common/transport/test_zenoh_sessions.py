@@ -16,13 +16,13 @@ from unittest.mock import Mock
 import pytest
 import zenoh
 
+from common.endpoint import DEFAULT_ENDPOINT, check_endpoint, is_loopback
 from common.errors import InputError, Unreachable
 from common.protocol.run_keys import RunKeys
 from common.protocol.wire import MAX_MESSAGE_BYTES
 from common.transport import hub_sockets, zenoh_entities, zenoh_sessions, zenoh_transport
 from common.transport.access_control import MAX_SESSIONS
 from common.transport.checksum import seal
-from common.transport.endpoint import DEFAULT_ENDPOINT, check_endpoint, is_loopback
 from common.transport.interface import Envelope, Request, Unanswered
 from common.transport.zenoh_sessions import LEASE_MS, connect, open_hub
 from common.transport.zenoh_transport import ZenohTransport

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from common.network import QNetwork
-from common.run.config import LearningConfig
+from common.settings.config import LearningConfig
 from learner.algorithm import value_based
 from learner.algorithm.cuda_graph import RecordedStep
 from learner.algorithm.double_dqn import double_dqn

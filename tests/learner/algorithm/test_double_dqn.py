@@ -6,7 +6,7 @@ import pytest
 import torch
 from torch import tensor
 
-from common.run.config import LearningConfig
+from common.settings.config import LearningConfig
 from learner.algorithm.double_dqn import (
     DoubleDqnLoss,
     bootstrap_values,

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from common.network import QNetwork
-from common.run.config import LearningConfig
+from common.settings.config import LearningConfig
 from learner.algorithm.double_dqn import double_dqn
 from learner.algorithm.early_choice import EarlyChoice
 from learner.algorithm.qr_dqn import qr_dqn

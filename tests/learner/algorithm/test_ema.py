@@ -8,8 +8,8 @@ import torch
 
 from common.network import QNetwork
 from common.protocol.weights import encode_weights, load_weights
-from common.run.config import LearningConfig
-from common.run.presets import PRESETS
+from common.settings.config import LearningConfig
+from common.settings.presets import PRESETS
 from learner.algorithm.double_dqn import double_dqn
 from learner.algorithm.ema import PERIOD, EmaNetwork
 from learner.algorithm.value_based import ValueBased

@@ -7,8 +7,8 @@ import torch
 
 from common.network import build_network
 from common.registry import ALGORITHMS
-from common.run.config import LearningConfig
-from common.run.presets import PRESETS
+from common.settings.config import LearningConfig
+from common.settings.presets import PRESETS
 from learner.algorithm.interface import build_algorithm
 from learner.device import Device
 from tests.learner.small_batches import learn, random_batch

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor, nn
 
 from common.native.library import InstructionSet
-from common.run.config import LearningConfig
+from common.settings.config import LearningConfig
 from learner.algorithm.optimizers import BoundedOptimizer, build_optimizer, clip_gradients
 from tests.native import INSTRUCTION_SETS, torch_threads
 

@@ -16,8 +16,8 @@ from torch import Tensor, tensor
 from common.native.library import InstructionSet
 from common.native.quantile_huber import native_quantile_huber
 from common.network import QNetwork, build_network
-from common.run.config import LearningConfig
-from common.run.presets import PRESETS
+from common.settings.config import LearningConfig
+from common.settings.presets import PRESETS
 from learner.algorithm.qr_dqn import of_action, qr_dqn, quantile_huber, target_quantiles
 from learner.device import Device
 from tests.learner.small_batches import learn, random_batch

@@ -8,8 +8,8 @@ import pytest
 import torch
 
 from common.network import QNetwork
-from common.run.config import LearningConfig, NetworkName
-from common.run.presets import PRESETS
+from common.settings.config import LearningConfig, NetworkName
+from common.settings.presets import PRESETS
 from learner.algorithm.double_dqn import double_dqn
 from learner.algorithm.precision import Bfloat16Precision, NativePrecision, precision_of
 from learner.algorithm.target_network import TargetNetwork

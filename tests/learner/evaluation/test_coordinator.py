@@ -14,7 +14,7 @@ from common.errors import MessageError
 from common.protocol.chunk import Game
 from common.protocol.evaluation import EvaluationJob, EvaluationReport
 from common.regular_file import read_file
-from common.run.config import ProtocolConfig
+from common.settings.config import ProtocolConfig
 from learner.evaluation import snapshots
 from learner.evaluation.coordinator import (
     ABSENCE,

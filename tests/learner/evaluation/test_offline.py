@@ -16,12 +16,12 @@ import pytest
 from rich.console import Console
 
 from common.errors import InputError
-from common.process.exit_codes import FAILED
+from common.exit_codes import FAILED
 from common.process.supervisor import Child
 from common.registry import ENVIRONMENTS, Environment
 from common.run.clock import ClockConfig
-from common.run.config import RunConfig
-from common.run.presets import PRESETS
+from common.settings.config import RunConfig
+from common.settings.presets import PRESETS
 from learner.evaluation import offline
 from learner.evaluation.offline import evaluate, play
 from learner.evaluation.options import EvaluationOptions
@@ -43,7 +43,7 @@ def program(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     file = tmp_path / "program"
     monkeypatch.setattr(sys, "executable", str(file))
     # It plays without a network.
-    monkeypatch.setattr("learner.evaluation.offline.load_weights_file", lambda *_: None)
+    monkeypatch.setattr("learner.evaluation.offline.load_network_file", lambda *_: None)
     monkeypatch.setattr("learner.evaluation.offline.origin_of", lambda _: None)
     return file
 

@@ -13,8 +13,8 @@ from rich.table import Table
 from actors.games import GamesOptions, games
 from common.press_latency import COUNTS, KeyLatency, ms_of, place_of
 from common.run.clock import ClockConfig
-from common.run.conditions import PlayConfig
-from common.run.presets import PRESETS
+from common.settings.conditions import PlayConfig
+from common.settings.presets import PRESETS
 from common.strict_json import strict
 from learner.evaluation.results import summarise, table
 

@@ -7,7 +7,7 @@ import pytest
 
 from common.errors import MessageError
 from common.protocol.evaluation import EvaluationJob, EvaluationReport
-from common.run.config import ProtocolConfig
+from common.settings.config import ProtocolConfig
 from common.transport.interface import Transport, Unanswered
 from common.transport.signature import unsigned
 from learner.evaluation.coordinator import EvaluationCoordinator

@@ -8,10 +8,10 @@ import pytest
 from common.metrics import METRICS, Bound, Metric, Value, declare
 from common.press_latency import KeyLatency, ms_of
 from common.protocol.run_status import HealthCheck
-from common.run.conditions import PlayConfig
-from common.run.hands import keys_can_follow, latest_play
-from common.run.presets import PRESETS
-from common.run.ranges import RandomiseConfig
+from common.settings.conditions import PlayConfig
+from common.settings.hands import keys_can_follow, latest_play
+from common.settings.presets import PRESETS
+from common.settings.ranges import RandomiseConfig
 from learner.telemetry.health_checks import judge, reasons
 
 HEALTHY: dict[str, Value] = {

@@ -12,7 +12,7 @@ import torch
 from safetensors.torch import save
 
 from common.errors import InputError
-from common.run.presets import PRESETS
+from common.settings.presets import PRESETS
 from learner.telemetry.held_out import LEAST_RECENT, RECENT, RECENT_STEPS, HeldOut
 
 CONFIG = PRESETS["fast"]

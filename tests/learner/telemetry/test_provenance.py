@@ -7,8 +7,8 @@ import pytest
 
 from benchmarks.report import BenchmarkOptions
 from common.errors import InputError
-from common.run.config import RunConfig
-from common.run.stored_config import to_json
+from common.settings.config import RunConfig
+from common.settings.stored_config import to_json
 from learner.evaluation.options import EvaluationOptions
 from tests.paths import ROOT
 

@@ -18,7 +18,7 @@ from common.process.footprint import footprint
 from common.protocol.actor_stats import ActorStats
 from common.protocol.chunk import Game
 from common.run.epochs import EpochTable
-from common.run.presets import PRESETS
+from common.settings.presets import PRESETS
 from common.transport.interface import Envelope, Transport
 from learner.phases import Phases
 from learner.run_clock import RunClock

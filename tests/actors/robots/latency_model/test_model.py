@@ -9,7 +9,7 @@ from actors.robots.latency import FRAME_MS, Latency, changes
 from actors.robots.latency_model.model import LatencyModel
 from actors.robots.latency_model.weights import ModelWeights
 from common.actions import KEYS_OF_ACTION, Keys
-from common.run.conditions import PlayConfig
+from common.settings.conditions import PlayConfig
 from tests.actors.robots.latency_model.models import Arrays, delay, drawn, flicker, plain, saved
 
 NONE, UP, FIRE = Keys.NONE, Keys.UP, Keys.FIRE

@@ -12,9 +12,9 @@ from actors.envs.robot import RobotEnv
 from actors.robots.nao.robot import Nao
 from common.actions import KEYS_OF_ACTION
 from common.errors import InputError
-from common.run.conditions import CameraConfig, PlayConfig
-from common.run.presets import PRESETS
 from common.run.rules import check_config
+from common.settings.conditions import CameraConfig, PlayConfig
+from common.settings.presets import PRESETS
 from tests.actors.robots.latency_model.models import delay, drawn, plain, saved
 
 

@@ -12,7 +12,7 @@ from actors.robots.nao.own_nao import OwnNao
 from actors.robots.nao.robot import Nao
 from common.actions import Keys
 from common.errors import InputError
-from common.run.conditions import PERFECT_CAMERA, CameraConfig
+from common.settings.conditions import PERFECT_CAMERA, CameraConfig
 
 GAME = np.random.default_rng(0).integers(0, 256, (210, 160, 3), np.uint8)
 SIZE = (160, 120)

@@ -14,8 +14,8 @@ from actors.robots.latency import Change
 from actors.robots.robotroller.robot import Robotroller
 from common.errors import InputError
 from common.registry import ROBOTS
-from common.run.presets import PRESETS
 from common.run.rules import check_config
+from common.settings.presets import PRESETS
 from tests.paths import ROOT
 from tests.viewer.commands import command
 

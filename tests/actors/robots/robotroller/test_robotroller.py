@@ -10,7 +10,7 @@ from actors.robots.latency import AGENT_STEP, GOAL, Change, Latency
 from actors.robots.robotroller.robot import Robotroller
 from actors.robots.room.room import FRAME_SUBSTEPS
 from common.actions import KEYS_OF_ACTION, Keys
-from common.run.conditions import PERFECT_CAMERA, CameraConfig, Conditions, PlayConfig
+from common.settings.conditions import PERFECT_CAMERA, CameraConfig, Conditions, PlayConfig
 
 UP, DOWN, LEFT, RIGHT, FIRE = Keys.UP, Keys.DOWN, Keys.LEFT, Keys.RIGHT, Keys.FIRE
 GAME = np.full((210, 160, 3), (200, 40, 90), np.uint8)

@@ -8,7 +8,7 @@ from actors.robots.room.camera import Camera
 from actors.robots.room.furniture import PICTURE_CORNERS, PICTURE_HEIGHT, PICTURE_WIDTH
 from actors.robots.room.still_view import StillView
 from common.actions import KEYS_OF_ACTION, Keys
-from common.run.conditions import PERFECT_CAMERA, CameraConfig
+from common.settings.conditions import PERFECT_CAMERA, CameraConfig
 
 
 def assert_same_as_full(room: Nao) -> None:

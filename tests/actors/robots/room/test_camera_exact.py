@@ -14,7 +14,7 @@ from actors.envs.emulator import Emulator
 from actors.robots.nao.robot import Nao
 from actors.vision.layout import BORDER
 from common.actions import KEYS_OF_ACTION
-from common.run.conditions import PERFECT_CAMERA, CameraConfig
+from common.settings.conditions import PERFECT_CAMERA, CameraConfig
 
 ROWS, COLUMNS = 210, 160
 FINER = 8

@@ -9,7 +9,7 @@ from actors.robots.room.camera import Rendering
 from actors.robots.room.furniture import PICTURE_CORNERS
 from actors.robots.room.projector import Projection
 from actors.vision.layout import BORDER
-from common.run.conditions import PERFECT_CAMERA, CameraConfig
+from common.settings.conditions import PERFECT_CAMERA, CameraConfig
 
 ROWS, COLUMNS = 210, 160
 

@@ -10,7 +10,7 @@ from actors.robots.nao.robot import Nao
 from actors.robots.robotroller.robot import Robotroller
 from actors.robots.room.room import Room
 from common.actions import Keys
-from common.run.conditions import CameraConfig
+from common.settings.conditions import CameraConfig
 
 
 @pytest.fixture(params=[Nao, Robotroller], scope="module")

@@ -11,7 +11,7 @@ from actors.robots.room.camera import Camera
 from actors.robots.room.furniture import PICTURE_CORNERS, PICTURE_HEIGHT
 from actors.robots.room.sensor import Backdrop, Sensor
 from actors.vision.lens import Lens
-from common.run.conditions import PERFECT_CAMERA, CameraConfig, Conditions, PlayConfig
+from common.settings.conditions import PERFECT_CAMERA, CameraConfig, Conditions, PlayConfig
 
 SIZE = (320, 240)
 FAULTS = {

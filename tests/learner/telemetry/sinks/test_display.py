@@ -21,8 +21,8 @@ from rich.console import Console
 from common.metrics import Metric, Value
 from common.protocol.actor_stats import ActorStats
 from common.protocol.run_status import HealthCheck
-from common.run.conditions import PlayConfig
-from common.run.presets import PRESETS
+from common.settings.conditions import PlayConfig
+from common.settings.presets import PRESETS
 from learner.telemetry import formats
 from learner.telemetry.health_checks import judge
 from learner.telemetry.sinks import screen

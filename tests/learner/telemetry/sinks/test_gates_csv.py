@@ -5,7 +5,7 @@ import math
 from pathlib import Path
 
 from common.metrics import Value
-from common.run.presets import PRESETS
+from common.settings.presets import PRESETS
 from learner.telemetry.health_checks import judge
 from learner.telemetry.sinks.gates_csv import GatesCsvSink
 from tests.learner.telemetry.snapshots import changed, snapshot

@@ -15,7 +15,7 @@ import pytest
 from common.metrics import Value
 from common.protocol.actor_stats import ActorStats
 from common.protocol.run_status import HealthCheck
-from common.run.presets import PRESETS
+from common.settings.presets import PRESETS
 from learner.telemetry.provenance import (
     git_state,
     gpu_models,

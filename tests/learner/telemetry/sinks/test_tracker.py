@@ -17,8 +17,8 @@ import pytest
 
 from common.errors import InputError
 from common.metrics import Value
-from common.run.presets import PRESETS
-from common.run.stored_config import flat
+from common.settings.presets import PRESETS
+from common.settings.stored_config import flat
 from learner.telemetry.sinks import tracker as module
 from learner.telemetry.sinks.tracker import TrackedRun, TrackerSink
 from learner.telemetry.snapshot import Histogram

@@ -25,7 +25,7 @@ from common.protocol.run_keys import RunKeys
 from common.protocol.run_status import HealthCheck
 from common.run.epochs import EpochTable
 from common.run.folder import RunFolder
-from common.run.presets import PRESETS
+from common.settings.presets import PRESETS
 from common.transport.interface import Request, Transport
 from learner.options import web_address
 from learner.telemetry import live_feed

@@ -8,10 +8,10 @@ import pytest
 
 from common.errors import InputError
 from common.registry import ALGORITHMS, ENVIRONMENTS, AlgorithmKind, Environment
-from common.run.config import RunConfig
-from common.run.fit import check_fit
-from common.run.own_settings import own_settings
-from common.run.presets import PRESETS
+from common.settings.config import RunConfig
+from common.settings.fit import check_fit
+from common.settings.own_settings import own_settings
+from common.settings.presets import PRESETS
 from tests.extending.whole_run import added
 
 TRAINED = replace(PRESETS["robot"], play=replace(PRESETS["robot"].play, vector=True))

@@ -7,12 +7,12 @@ from collections.abc import Container, Sequence
 from itertools import chain
 from pathlib import Path
 
+from common.command_line.first_flags import read_first
+from common.command_line.own_flags import going_on_from
 from common.errors import InputError, cannot_read
-from common.process.first_flags import read_first
-from common.process.own_flags import going_on_from
 from common.regular_file import read_file
-from common.run.config import RunConfig
-from common.run.stored_config import flag_of, from_mapping, settings
+from common.settings.config import RunConfig
+from common.settings.stored_config import flag_of, from_mapping, settings
 
 
 def with_file(arguments: Sequence[str], used: Container[str] | None = None) -> list[str]:

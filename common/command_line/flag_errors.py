@@ -6,8 +6,8 @@ from contextlib import contextmanager
 from itertools import dropwhile, takewhile
 
 from common.errors import InputError
-from common.run.config import RunConfig
-from common.run.stored_config import flag_of, flat
+from common.settings.config import RunConfig
+from common.settings.stored_config import flag_of, flat
 
 
 def as_sentence(box: str, all_flags: str) -> str:

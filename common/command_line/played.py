@@ -11,22 +11,22 @@ from typing import TypeVar
 
 import tyro
 
+from common.command_line.config_file import with_file
+from common.command_line.first_flags import read_first
+from common.command_line.flag_errors import naming_flags
+from common.command_line.own_flags import HELP, going_on_from, own_help
+from common.command_line.parser import parse
 from common.errors import InputError
-from common.process.command_line import parse
-from common.process.config_file import with_file
-from common.process.first_flags import read_first
-from common.process.flag_errors import naming_flags
-from common.process.own_flags import HELP, going_on_from, own_help
 from common.registry import ENVIRONMENTS
-from common.run.conditions import CameraConfig, PlayConfig
-from common.run.config import RunConfig, Seed
-from common.run.fit import check_fit
 from common.run.origin import origin_of
-from common.run.own_settings import defaults_of
-from common.run.presets import PRESETS
-from common.run.ranges import ALL_RANGES, all_ranges
 from common.run.rules import check_chosen, check_play
-from common.run.stored_config import differences, flat
+from common.settings.conditions import CameraConfig, PlayConfig
+from common.settings.config import RunConfig, Seed
+from common.settings.fit import check_fit
+from common.settings.own_settings import defaults_of
+from common.settings.presets import PRESETS
+from common.settings.ranges import ALL_RANGES, all_ranges
+from common.settings.stored_config import differences, flat
 
 
 def settings_of(network: Path | None, env: str = RunConfig.env) -> RunConfig:
@@ -106,7 +106,7 @@ def _settings_of(kind: type[Played]) -> list[str]:
 
 
 def parse_played(kind: type[P], program: str, arguments: Sequence[str]) -> P:
-    """Parses as `common.process.command_line.parse` does. What no flag gives is as in the run of
+    """Parses as `common.command_line.parser.parse` does. What no flag gives is as in the run of
     the network, or else as in the preset of the environment; ``--help`` shows these values.
 
     If the command can draw conditions, `ALL_RANGES` sets the default of every range.

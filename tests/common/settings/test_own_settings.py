@@ -13,12 +13,12 @@ from hypothesis import strategies as st
 
 from common.checked import Amount, Patience, Values
 from common.errors import InputError
-from common.process.exit_codes import BAD_INPUT
+from common.exit_codes import BAD_INPUT
 from common.registry import ALGORITHMS, ROBOTS, AlgorithmKind
-from common.run.conditions import PlayConfig
-from common.run.config import LearningConfig, RunConfig
-from common.run.own_settings import ROBOT, in_full, merged, own_settings
 from common.run.rules import check_config
+from common.settings.conditions import PlayConfig
+from common.settings.config import LearningConfig, RunConfig
+from common.settings.own_settings import ROBOT, in_full, merged, own_settings
 from tests.extending.whole_run import added
 
 

@@ -11,14 +11,14 @@ from typing import Annotated, Any, TypeVar, get_type_hints
 
 import tyro
 
+from common.command_line.config_file import with_file
+from common.command_line.first_flags import read_first
+from common.command_line.flag_errors import as_sentence
+from common.command_line.help_text import wrapped
 from common.errors import InputError
-from common.process.config_file import with_file
-from common.process.exit_codes import table
-from common.process.first_flags import read_first
-from common.process.flag_errors import as_sentence
-from common.process.help_text import wrapped
+from common.exit_codes import table
 from common.run.origin import find_weights
-from common.run.stored_config import REMOVED, RENAMED, flag_of, from_mapping
+from common.settings.stored_config import REMOVED, RENAMED, flag_of, from_mapping
 from common.version import VERSION
 
 WeightsFile = Annotated[

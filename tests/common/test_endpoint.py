@@ -2,8 +2,8 @@
 
 import pytest
 
+from common.endpoint import DEFAULT_ENDPOINT, check_endpoint, from_here
 from common.errors import InputError
-from common.transport.endpoint import DEFAULT_ENDPOINT, check_endpoint, from_here
 
 
 @pytest.mark.parametrize(

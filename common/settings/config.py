@@ -15,9 +15,9 @@ from annotated_types import Ge, Le, Lt
 from common.checked import Amount, Count, Fraction, FromOne, LongText, Score
 from common.pinned_file import pin
 from common.registry import ENVIRONMENTS, Entry
-from common.run.conditions import CameraConfig, PlayConfig
-from common.run.own_settings import EXTENSIONS, in_full
-from common.run.ranges import RandomiseConfig
+from common.settings.conditions import CameraConfig, PlayConfig
+from common.settings.own_settings import EXTENSIONS, in_full
+from common.settings.ranges import RandomiseConfig
 
 MAX_CHUNK_STEPS = 1_024
 MAX_WINDOW = 64

@@ -5,10 +5,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from typing import Any, get_type_hints
 
-from common.process.first_flags import read_first
-from common.run.meanings import bounds, docstrings
-from common.run.own_settings import EXTENSIONS, defaults_of, written
-from common.run.stored_config import flag_of
+from common.command_line.first_flags import read_first
+from common.settings.meanings import bounds, docstrings
+from common.settings.own_settings import EXTENSIONS, defaults_of, written
+from common.settings.stored_config import flag_of
 
 HELP = ("-h", "--help")
 """Flags that ask for a program's help."""

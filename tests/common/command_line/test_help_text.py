@@ -1,4 +1,4 @@
-"""What `common.process.help_text` replaces in tyro; `test_command_line.py` has what users see."""
+"""What `help_text` replaces in tyro; `test_parser.py` has what users see."""
 
 import importlib.util
 import sys
@@ -7,7 +7,7 @@ from types import ModuleType
 import pytest
 import tyro
 
-from common.process import help_text
+from common.command_line import help_text
 
 
 def fresh(name: str) -> ModuleType:
@@ -30,7 +30,7 @@ def test_tyro_still_keeps_the_line_breaks_of_indented_lines() -> None:
 def test_a_tyro_without_that_function_does_no_harm(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delattr(tyro, "_strings")
     monkeypatch.setitem(sys.modules, "tyro._strings", None)
-    assert fresh("common.process.help_text").wrapped("One paragraph\nof two lines.") == (
+    assert fresh("common.command_line.help_text").wrapped("One paragraph\nof two lines.") == (
         "One paragraph of two lines."
     )
 

@@ -1,7 +1,7 @@
 """Settings that an environment, robot, algorithm or sampler of another package declares for itself.
 
 They are a frozen dataclass, with bounds and defaults beside its fields, as in
-`common.run.conditions`. A run's configuration holds them as one text, such as
+`common.settings.conditions`. A run's configuration holds them as one text, such as
 ``kappa=0.5 depth=3``, so that it can be stored and sent without the package.
 """
 
@@ -15,7 +15,7 @@ from typing import Any, Literal, NamedTuple, TypeVar, get_args, get_origin, get_
 from common.errors import InputError, choice
 from common.pinned_file import path_of
 from common.registry import ALGORITHMS, ENVIRONMENTS, ROBOTS, SAMPLERS, Entry, Registry
-from common.run.stored_config import from_mapping
+from common.settings.stored_config import from_mapping
 
 T = TypeVar("T")
 

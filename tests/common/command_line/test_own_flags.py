@@ -8,13 +8,13 @@ from typing import Annotated
 import pytest
 from annotated_types import Gt, Le
 
-from common.process.own_flags import going_on_from
-from common.process.run_options import RunOptions, parse_run
+from common.command_line.own_flags import going_on_from
+from common.command_line.run_options import RunOptions, parse_run
 from common.registry import ALGORITHMS, AlgorithmKind
-from common.run.config import RunConfig
-from common.run.presets import PRESETS
-from common.run.ranges import all_ranges
-from common.run.stored_config import to_json
+from common.settings.config import RunConfig
+from common.settings.presets import PRESETS
+from common.settings.ranges import all_ranges
+from common.settings.stored_config import to_json
 from tests.extending.whole_run import added
 
 TEXT = "--learning.algorithm-settings"

@@ -14,8 +14,8 @@ from annotated_types import Ge
 from common.checked import Amount, Count
 from common.errors import InputError
 from common.registry import ENVIRONMENTS
-from common.run.conditions import CameraConfig, Conditions, PlayConfig
-from common.run.stored_config import from_mapping
+from common.settings.conditions import CameraConfig, Conditions, PlayConfig
+from common.settings.stored_config import from_mapping
 
 Law = Callable[[Any, Any, float], float]
 """Returns a setting's value in one game, given its usual value, its range, and a uniform number

@@ -12,12 +12,12 @@ from hypothesis import strategies as st
 
 from common.errors import InputError
 from common.registry import ENVIRONMENTS
-from common.run.conditions import PERFECT_CAMERA, CameraConfig, Conditions, PlayConfig
-from common.run.config import RunConfig
-from common.run.presets import PRESETS
-from common.run.ranges import NOTHING_DRAWN, RandomiseConfig, all_ranges, check_ranges, draw
 from common.run.rules import check_config
-from common.run.stored_config import from_mapping
+from common.settings.conditions import PERFECT_CAMERA, CameraConfig, Conditions, PlayConfig
+from common.settings.config import RunConfig
+from common.settings.presets import PRESETS
+from common.settings.ranges import NOTHING_DRAWN, RandomiseConfig, all_ranges, check_ranges, draw
+from common.settings.stored_config import from_mapping
 from tests.paths import ROOT
 
 ALL = all_ranges("robot")

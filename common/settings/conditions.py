@@ -1,7 +1,8 @@
 """The conditions of a game: its rules, and the properties of hands and eye.
 
 An environment gets them as plain settings, as if a person had chosen them, and knows nothing of the
-ranges from which they may be drawn (`common.run.ranges`). docs/conditions.md describes all of them.
+ranges from which they may be drawn (`common.settings.ranges`). docs/conditions.md describes all of
+them.
 """
 
 from dataclasses import dataclass

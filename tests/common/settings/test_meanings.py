@@ -7,7 +7,7 @@ import pytest
 from annotated_types import Ge, Gt, Le, Lt
 
 from common.checked import Count
-from common.run.meanings import bounds, docstrings
+from common.settings.meanings import bounds, docstrings
 
 
 @pytest.mark.parametrize(

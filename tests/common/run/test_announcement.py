@@ -6,9 +6,9 @@ from typing import Any
 import pytest
 
 from common.errors import InputError, MessageError
-from common.protocol.announcement import Announcement
 from common.protocol.wire import pack
-from common.run.presets import PRESETS
+from common.run.announcement import Announcement
+from common.settings.presets import PRESETS
 
 FAST = PRESETS["fast"]
 GOOD = Announcement("one", FAST, 6, "id")

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import pytest
 
-from common.run.presets import PRESETS
 from common.run.rules import check_config
+from common.settings.presets import PRESETS
 
 PAPER = PRESETS["paper"]
 

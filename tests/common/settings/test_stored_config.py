@@ -10,13 +10,13 @@ from hypothesis import strategies as st
 
 from common.checked import MAX_COUNT
 from common.errors import InputError
-from common.run.conditions import FRAMES_PER_SECOND, MAX_STARTS, CameraConfig, PlayConfig
-from common.run.config import MAX_WINDOW, LearningConfig, RunConfig, StreamConfig
 from common.run.origin import SHIPPED, origin_of
-from common.run.presets import PRESETS
-from common.run.ranges import RandomiseConfig
 from common.run.rules import check_config
-from common.run.stored_config import (
+from common.settings.conditions import FRAMES_PER_SECOND, MAX_STARTS, CameraConfig, PlayConfig
+from common.settings.config import MAX_WINDOW, LearningConfig, RunConfig, StreamConfig
+from common.settings.presets import PRESETS
+from common.settings.ranges import RandomiseConfig
+from common.settings.stored_config import (
     REMOVED,
     RENAMED,
     differences,

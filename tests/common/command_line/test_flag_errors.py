@@ -7,10 +7,10 @@ from typing import Annotated, Literal
 import pytest
 import tyro
 
+from common.command_line.flag_errors import naming_flags
+from common.command_line.parser import parse
 from common.errors import InputError
-from common.process.command_line import parse
-from common.process.flag_errors import naming_flags
-from tests.common.process.test_command_line import parsed
+from tests.common.command_line.test_parser import parsed
 
 
 @pytest.mark.parametrize(

@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 
 from common.errors import InputError
-from common.run.presets import PRESETS
-from common.run.stored_config import to_json
-from tests.common.process.test_command_line import Options, parsed
+from common.settings.presets import PRESETS
+from common.settings.stored_config import to_json
+from tests.common.command_line.test_parser import Options, parsed
 
 
 def test_settings_of_a_file_go_over_the_preset_and_below_the_flags(tmp_path: Path) -> None:

@@ -3,8 +3,8 @@
 from dataclasses import replace
 
 from common.registry import ENVIRONMENTS, ROBOTS
-from common.run.conditions import PlayConfig
-from common.run.config import RunConfig
+from common.settings.conditions import PlayConfig
+from common.settings.config import RunConfig
 
 _PRESS_FRAMES = 4
 """Emulator frames within which the arms nearly always press the commanded keys, p99 of

@@ -10,8 +10,8 @@ from typing import Any
 from common.errors import InputError
 from common.pinned_file import path_of
 from common.registry import ALGORITHMS
-from common.run.config import LearningConfig, RunConfig
-from common.run.stored_config import flag_of
+from common.settings.config import LearningConfig, RunConfig
+from common.settings.stored_config import flag_of
 
 VECTOR_SETTINGS = (
     "play.vector",

@@ -8,8 +8,8 @@ from annotated_types import Ge, Le
 from common.checked import Name
 from common.errors import InputError
 from common.protocol.message import Message
-from common.run.config import RunConfig
 from common.run.rules import check_config
+from common.settings.config import RunConfig
 
 
 @dataclass(frozen=True)

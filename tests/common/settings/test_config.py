@@ -8,10 +8,10 @@ from typing import Any
 import pytest
 
 from common.errors import InputError
-from common.run.conditions import MAX_WAIT
-from common.run.config import ExplorationConfig, LearningConfig, ReplayConfig, RunConfig
-from common.run.presets import PRESETS
 from common.run.rules import check_config
+from common.settings.conditions import MAX_WAIT
+from common.settings.config import ExplorationConfig, LearningConfig, ReplayConfig, RunConfig
+from common.settings.presets import PRESETS
 
 GOOD = PRESETS["fast"]
 

@@ -13,22 +13,22 @@ from typing import Annotated, TypeVar
 import tyro
 
 from common.checked import Count, FromOne
+from common.command_line.config_file import with_file
+from common.command_line.first_flags import read_first
+from common.command_line.flag_errors import naming_flags
+from common.command_line.own_flags import going_on_from, own_help
+from common.command_line.parser import WeightsFile, parse
+from common.endpoint import DEFAULT_ENDPOINT
 from common.errors import InputError, choice
-from common.process.command_line import WeightsFile, parse
-from common.process.config_file import with_file
-from common.process.first_flags import read_first
-from common.process.flag_errors import naming_flags
-from common.process.own_flags import going_on_from, own_help
 from common.registry import ENVIRONMENTS
-from common.run.config import RunConfig
-from common.run.fit import shaped_like
 from common.run.folder import RUNS
 from common.run.origin import origin_of
-from common.run.presets import PRESETS
-from common.run.ranges import ALL_RANGES, all_ranges
 from common.run.rules import check_chosen, check_config
-from common.run.stored_config import flat
-from common.transport.endpoint import DEFAULT_ENDPOINT
+from common.settings.config import RunConfig
+from common.settings.fit import shaped_like
+from common.settings.presets import PRESETS
+from common.settings.ranges import ALL_RANGES, all_ranges
+from common.settings.stored_config import flat
 from common.transport.leaky_bucket import ACTOR_QUOTA
 
 RunFlags = Annotated[RunConfig, tyro.conf.arg(name="")]

@@ -9,15 +9,15 @@ import pytest
 from annotated_types import Ge, Lt
 
 from common.checked import Patience
+from common.command_line.parser import WeightsFile, parse
+from common.command_line.run_options import RunOptions, parse_run, preset_of
 from common.errors import InputError
-from common.process.command_line import WeightsFile, parse
-from common.process.exit_codes import EXIT_CODES
-from common.process.run_options import RunOptions, parse_run, preset_of
-from common.run.conditions import PlayConfig
-from common.run.config import RunConfig
+from common.exit_codes import EXIT_CODES
 from common.run.origin import SHIPPED, name_of
-from common.run.presets import PRESETS
-from common.run.ranges import RandomiseConfig, all_ranges
+from common.settings.conditions import PlayConfig
+from common.settings.config import RunConfig
+from common.settings.presets import PRESETS
+from common.settings.ranges import RandomiseConfig, all_ranges
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,8 @@ actors play the random steps before learning starts like all other steps.
 
 from dataclasses import replace
 
-from common.run.conditions import PlayConfig
-from common.run.config import (
+from common.settings.conditions import PlayConfig
+from common.settings.config import (
     ExplorationConfig,
     LearningConfig,
     PresetName,
