@@ -99,7 +99,6 @@ def build_learner(
     )
     learner = Learner(
         config=config,
-        steps_goal=options.steps,
         replay=replay,
         algorithm=algorithm,
         draw=partial(

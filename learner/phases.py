@@ -39,7 +39,7 @@ class Phases:
         """Takes the run's settings, its time, and the agent steps with which it ends, if any."""
         self._config = config
         self._clock = clock
-        self._steps_goal = steps_goal
+        self.steps_goal = steps_goal
         self.chunks_seen = 0
         """Index of the next chunk to count."""
         self.agent_steps = 0
@@ -97,9 +97,22 @@ class Phases:
     def steps_left(self) -> int:
         """Agent steps until the present phase ends, which the end of the run may cut short."""
         left = max(self.phase_length - self.phase_steps, 0)
-        if self._steps_goal is None:
+        if self.steps_goal is None:
             return left
-        return min(left, max(self._steps_goal - self.agent_steps, 0))
+        return min(left, max(self.steps_goal - self.agent_steps, 0))
+
+    @property
+    def all_played(self) -> bool:
+        """Whether all requested steps have been played, so that actors may leave."""
+        return self.steps_goal is not None and self.agent_steps >= self.steps_goal
+
+    @property
+    def done(self) -> bool:
+        """Whether all requested steps have been played, and all their updates made."""
+        if self.steps_goal is None or not self.all_played:
+            return False
+        steps = self.steps_goal - self._config.replay.learning_starts
+        return self.updates >= steps // self._config.learning.train_period
 
     @property
     def random_reward(self) -> float | None:
@@ -174,8 +187,7 @@ class Phases:
     def values(self) -> dict[str, Value]:
         """Returns how far the run is, and what its recent games and chunks were like. If it has all
         its steps, and they end between two phases, the phase is the last epoch, complete."""
-        has_its_steps = self._steps_goal is not None and self.agent_steps >= self._steps_goal
-        ended = has_its_steps and not self.phase_steps
+        ended = self.all_played and not self.phase_steps
         steps_now, left = self.phase_steps, self.steps_left
         if ended:
             steps_now, left = self._last_steps or self.phase_length, 0

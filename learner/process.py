@@ -106,7 +106,7 @@ def train(options: LearnerOptions, again: bool) -> int:
                 needed = needed_children(options, learner)
                 learner.run(launch(needed, from_here(endpoint), folder) if local else None)
             with suppress(OSError):  # a disk that is full by now has what was learned
-                write_newest("done" if learner.done else "stopped")
+                write_newest("done" if learner.phases.done else "stopped")
             if learner.failed is not None:
                 keep(f"stopped: {learner.failed}", "ERROR")
     return _last_words(learner, folder)
@@ -115,7 +115,7 @@ def train(options: LearnerOptions, again: bool) -> int:
 def needed_children(options: LearnerOptions, learner: Learner) -> LearnerOptions:
     """Returns the options with as many actors and evaluators as the run still needs: a resumed run
     that has its steps needs no actors, and evaluators only for tests that are to come."""
-    if not learner.done:
+    if not learner.phases.done:
         return options
     evaluators = options.evaluators if learner.has_tests_to_come else 0
     return replace(options, actors=0, evaluators=evaluators)
@@ -147,7 +147,7 @@ def _write_newest(
     """Writes where the run is found, how it goes on, and how the learner ``ended``."""
     given = options.certificates
     certificates = None if given is None else str(given.resolve())
-    command = resume_command(sys.argv[1:], folder.name, done=learner.done)
+    command = resume_command(sys.argv[1:], folder.name, done=learner.phases.done)
     NewestLearner(
         str(folder.path.resolve()),
         endpoint,
@@ -176,7 +176,7 @@ def _first_words(
 def _last_words(learner: Learner, folder: RunFolder) -> int:
     """Prints how to continue the run; returns the exit code."""
     failed = learner.failed is not None
-    go_on = resume_command(sys.argv[1:], folder.name, done=learner.done, force=failed)
+    go_on = resume_command(sys.argv[1:], folder.name, done=learner.phases.done, force=failed)
     # The command has a line of its own, which a narrow terminal does not break within a word.
     if not failed:
         say(f"Everything is in {folder.path}; go on with:\n  {go_on}")

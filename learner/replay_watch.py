@@ -16,7 +16,6 @@ class ReplayWatch:
     steps which the learner counts.
 
     Args:
-        steps_goal: agent steps after which the run ends; None for no end.
         starts: agent steps of the warm-up; a replay that lacks more is refused.
         checkpoint: file with the network, to which errors refer.
     """
@@ -29,13 +28,11 @@ class ReplayWatch:
         replay: Replay,
         phases: Phases,
         *,
-        steps_goal: int | None,
         starts: int,
         checkpoint: Path,
     ) -> None:
         self._replay = replay
         self._phases = phases
-        self._goal = MAX_COUNT if steps_goal is None else steps_goal
         self._starts = starts
         self._checkpoint = checkpoint
 
@@ -55,7 +52,10 @@ class ReplayWatch:
     def look(self) -> ReplayProgress:
         """Returns what is new since the chunks that are counted, and keeps it as `progress`. Raises
         InputError if nothing can be drawn any more, or if the replay has lost counted steps."""
-        told = self._replay.progress(self._phases.chunks_seen, goal=self._goal)
+        goal = self._phases.steps_goal
+        told = self._replay.progress(
+            self._phases.chunks_seen, goal=MAX_COUNT if goal is None else goal
+        )
         if told.failed:
             raise InputError(told.failed)
         known, found = self._phases.agent_steps, told.agent_steps

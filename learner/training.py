@@ -51,8 +51,6 @@ class Learner:
     """One learner's work: call `start` once, then `run`."""
 
     config: RunConfig
-    steps_goal: int | None
-    """Agent steps, warm-up included, after which the run ends."""
     replay: Replay
     algorithm: Algorithm
     draw: Callable[[int], Prefetcher]
@@ -79,7 +77,6 @@ class Learner:
         self._watch = ReplayWatch(
             self.replay,
             self.phases,
-            steps_goal=self.steps_goal,
             starts=self.config.replay.learning_starts,
             checkpoint=self.checkpoint.path,
         )
@@ -107,11 +104,11 @@ class Learner:
             if children is not None:
                 end.callback(children.ask_to_leave)
                 end.callback(self.replay.drain)  # lets throttled actors hand in their last chunks
-            if self.done:
+            if self.phases.done:
                 tests = ", and tests are left" if self.has_tests_to_come else ""
                 self.telemetry.say(
-                    f"The run has its {self.steps_goal:,} steps already{tests}: give more --steps, "
-                    "or omit the flag, to train on."
+                    f"The run has its {self.phases.steps_goal:,} steps already{tests}: give more "
+                    "--steps, or omit the flag, to train on."
                 )
             self._batches = self.draw(self.phases.updates)
             end.callback(self._batches.close)
@@ -128,7 +125,7 @@ class Learner:
 
     def _train(self) -> None:
         """Runs the main loop."""
-        while not self.stop.is_set() and not self.done:
+        while not self.stop.is_set() and not self.phases.done:
             batch = self._batches.next(_TICK)
             if batch is not None:
                 self._update(batch)
@@ -252,9 +249,9 @@ class Learner:
     def _have_all_played(self) -> bool:
         """Whether all steps have been played by now. Actors hear of that from the replay, and may
         leave before the next look."""
-        if not self._all_played:
+        if not self.phases.all_played:
             self._count_chunks()
-        return self._all_played
+        return self.phases.all_played
 
     def _end_phase(self) -> None:
         """Records the present phase, and has an epoch's snapshot tested."""
@@ -287,7 +284,7 @@ class Learner:
         """Returns the figures that only the loop knows."""
         phase: Phase = "training" if self.phases.epoch else "warm-up"
         return {
-            "run/phase": "finishing" if self.done else phase,
+            "run/phase": "finishing" if self.phases.done else phase,
             "run/seconds": self.clock.seconds(),
             "learning/skipped": self.losses.skipped,
             "stream/weights_version": self.broadcast.version,
@@ -307,7 +304,7 @@ class Learner:
 
     def _check_health(self, checks: Sequence[HealthCheck]) -> None:
         """Ends an unhealthy run, unless it only waits for its last tests."""
-        if self.done:
+        if self.phases.done:
             return
         self.failed = self.guard.check(
             checks if self.phases.epoch else (),
@@ -319,19 +316,6 @@ class Learner:
             self.stop.set()
 
     # ------------------------------------------------------------------ the end
-
-    @property
-    def _all_played(self) -> bool:
-        """Whether all steps have been played, so that actors may leave."""
-        return self.steps_goal is not None and self.phases.agent_steps >= self.steps_goal
-
-    @property
-    def done(self) -> bool:
-        """Whether all requested steps have been played, and all their updates made."""
-        if self.steps_goal is None or not self._all_played:
-            return False
-        steps = self.steps_goal - self.config.replay.learning_starts
-        return self.phases.updates >= steps // self.config.learning.train_period
 
     @property
     def has_tests_to_come(self) -> bool:

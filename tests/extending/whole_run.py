@@ -101,6 +101,6 @@ def learned(
         finally:
             stop.set()
             acting.join(PATIENCE)
-        assert learner.done
+        assert learner.phases.done
     summary: dict[str, Any] = json.loads(folder.summary.read_text())
     return summary, policy

@@ -141,7 +141,7 @@ def test_a_run_is_learned_stopped_and_continued(tmp_path: Path) -> None:
         assert again.checkpoint() | {"seconds": 0} == before | {"seconds": 0}
         again.play(1)
         again.learner.run()
-        assert again.learner.done
+        assert again.learner.phases.done
         after = again.checkpoint()
         assert after["updates"] >= before["updates"]
         assert after["seconds"] >= before["seconds"]

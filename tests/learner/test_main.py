@@ -14,7 +14,7 @@ ARGUMENTS = ["learner", "--local", "--run", "small"]
 
 def ended(failed: str | None) -> Any:
     """A learner that has ended before its goal; ``failed`` says why its health guard did so."""
-    return SimpleNamespace(failed=failed, done=False)
+    return SimpleNamespace(failed=failed, phases=SimpleNamespace(done=False))
 
 
 def test_a_run_that_its_guard_ended_has_exit_code_3_and_says_how_to_go_on(

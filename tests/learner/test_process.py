@@ -73,7 +73,7 @@ def test_a_learner_that_is_stopped_while_it_sends_demonstrations_publishes_no_we
     options = parse_run(LearnerOptions, "learner", given, stored_config)
     sent = None if stopped else Mock(encode=lambda: b"complete")
     recorded = Mock(insert=lambda *given: sent, begun=Mock(encode=lambda: b"begun"))
-    learner, replay = MagicMock(failed=None, done=False), Mock(run_id="id")
+    learner, replay = MagicMock(failed=None, phases=Mock(done=False)), Mock(run_id="id")
     learner.evaluation.snapshots.keep = stopped
     replay.progress.return_value.file_bytes = 0
     folder = RunFolder(tmp_path, "r")
@@ -109,7 +109,7 @@ def test_a_learner_says_where_it_is_found_and_how_its_run_goes_on(
     folder.path.mkdir(parents=True)
     options = LearnerOptions(RunConfig(), certificates=Path("keys"))
     for done, steps in ((False, " --steps 90000"), (True, "")):
-        learner: Any = Mock(done=done)
+        learner: Any = Mock(phases=Mock(done=done))
         learner.evaluation.snapshots.keep = True
         process._write_newest(options, folder, "tcp/h:1", learner)
         assert NewestLearner.of(folder) == NewestLearner(
@@ -129,7 +129,7 @@ def test_a_learner_says_where_it_is_found_and_how_its_run_goes_on(
 def test_a_run_that_has_its_steps_starts_nobody_whom_it_does_not_need(
     done: bool, tests: bool, children: tuple[int, int]
 ) -> None:
-    learner: Any = Mock(done=done, has_tests_to_come=tests)
+    learner: Any = Mock(phases=Mock(done=done), has_tests_to_come=tests)
     needed = process.needed_children(LearnerOptions(RunConfig(), actors=2), learner)
     assert (needed.actors, needed.evaluators) == children
 
@@ -147,7 +147,7 @@ def test_the_reason_for_which_a_run_ends_is_in_its_log(
     ):
         monkeypatch.setattr(process, f"open_{name}", Mock(return_value=nullcontext(opened)))
     folder = RunFolder(tmp_path, "r")
-    learner = MagicMock(failed="no agent step came in 10 minutes", done=False)
+    learner = MagicMock(failed="no agent step came in 10 minutes", phases=Mock(done=False))
     learner.evaluation.snapshots.keep = False
     learner.start = folder.checkpoint.touch
     if not by_itself:

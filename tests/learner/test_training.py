@@ -313,9 +313,9 @@ class World:
         }
         algorithm = parts["algorithm"]
         parts["losses"] = LossGuard(algorithm, parts["replay"], Path("FILE"), self.said.append)
+        self.phases.steps_goal = steps_goal
         return Learner(
             config=self.config,
-            steps_goal=steps_goal,
             draw=self.draw,  # type: ignore[arg-type]
             broadcast=Broadcast(
                 *(algorithm, "id", self.broadcast),
@@ -736,7 +736,7 @@ def test_a_goal_is_reached_when_all_updates_it_calls_for_are_made() -> None:
     world = World(chunk_steps=40)
     learner = run(world, steps_goal=903)  # three more than 200 updates call for
     assert world.updates == 200
-    assert learner.done
+    assert learner.phases.done
     assert world.goals == {903}
 
 
@@ -900,7 +900,7 @@ def test_a_kill_before_that_test_puts_it_off_to_the_resumed_run() -> None:
         learner = world.learner(steps_goal=300)
         learner.restore(state)
         learner.start()
-        assert learner.done
+        assert learner.phases.done
         assert learner.has_tests_to_come is not again  # although none is left at first
         assert not learner.evaluation.pending
         learner.run()
