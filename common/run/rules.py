@@ -12,6 +12,7 @@ from common.registry import ENVIRONMENTS, foreign
 from common.settings.conditions import (
     DEFAULT_PLAY,
     FRAMES_PER_SECOND,
+    CameraConfig,
     LatencyModelSettings,
     PlayConfig,
 )
@@ -20,7 +21,11 @@ from common.settings.own_settings import ROBOT, check_own_settings, own_settings
 from common.settings.ranges import check_ranges, ignored_in
 from common.settings.stored_config import from_mapping
 
-_OF_A_VECTOR = [each.name for each in fields(PlayConfig) if each.name.startswith("vector_")]
+_DEFAULTS = RunConfig()
+_OF_A_VECTOR = [f"play.{f.name}" for f in fields(PlayConfig) if f.name.startswith("vector_")]
+_OF_MODELLED_HANDS = ["play.press_latency"]
+_OF_ARMS = ["play.arm_speed", "play.key_threshold"]
+_OF_A_CAMERA = [f"camera.{field.name}" for field in fields(CameraConfig)]
 _PLACE_BYTES = 4
 """Size in a message of a frame's place in a state."""
 _TRANSITION_BYTES = 32
@@ -52,27 +57,34 @@ def check_play(config: RunConfig) -> None:
 
 
 def check_chosen(before: RunConfig, config: RunConfig) -> None:
-    """Refuses what the flags chose and has no effect: a robot that nobody plays by, or parts of a
-    vector that nobody gets. Those of the settings ``before`` may stay, so that the emulator alone
-    plays what any robot learned, and every stored run goes on."""
+    """Refuses what the flags chose and has no effect: a robot that nobody plays by, parts of a
+    vector that nobody gets, and properties of hands or of a camera that are not used. Those of the
+    settings ``before`` may stay, so that the emulator alone plays what any robot learned, and every
+    stored run goes on; so may defaults, which turn something off."""
     env, play = config.env, config.play
-    for name in _OF_A_VECTOR if not play.vector else ():
-        value, usual = (getattr(each.play, name) for each in (config, before))
-        if value != usual:
-            raise InputError(
-                f"play.{name} is {value}, which means nothing without play.vector: give that too, "
-                f"or leave it at {usual}."
-            )
+    robot = ENVIRONMENTS.find(env).robot
+    modelled = play.hand == "model"
+    for unused, names, needs in (
+        (not play.vector, _OF_A_VECTOR, "without play.vector: give that too"),
+        (robot and not modelled, _OF_MODELLED_HANDS, "to arms: give play.hand model too"),
+        (robot and modelled, _OF_ARMS, "without arms: give play.hand arm too"),
+        (robot and play.eye == "emulator", _OF_A_CAMERA, "without a camera: give play.eye camera"),
+    ):
+        for name in names if unused else ():
+            value, usual, off = (attrgetter(name)(each) for each in (config, before, _DEFAULTS))
+            if value not in (usual, off):
+                raise InputError(
+                    f"{name} is {value}, which means nothing {needs}, or leave it at {usual}."
+                )
     chosen = play.robot != before.play.robot and not play.latency_model
-    if chosen and not ENVIRONMENTS.find(env).robot:
+    if chosen and not robot:
         raise InputError(f"--robot {play.robot} is for a robot, and --env {env} has none: omit it.")
 
 
 def check_ignored(config: RunConfig) -> None:
     """Refuses settings that have no effect in the environment, unless they have their defaults."""
-    defaults = RunConfig()
     for name in ignored_in(config.env):
-        value, usual = map(attrgetter(name), (config, defaults))
+        value, usual = map(attrgetter(name), (config, _DEFAULTS))
         if value != usual:
             shown = f"{usual:g}" if isinstance(usual, float) else usual
             raise InputError(

@@ -52,6 +52,38 @@ def test_a_part_of_a_vector_is_not_chosen_without_it(field: str, value: object) 
     check_chosen(config, config)
 
 
+@pytest.mark.parametrize(
+    ("field", "value", "needs"),
+    [
+        ("play.press_latency", 3, {"play.hand": "model"}),
+        ("play.arm_speed", 0.5, {"play.hand": "arm"}),
+        ("play.key_threshold", 1.2, {"play.hand": "arm"}),
+        ("camera.noise", 8.0, {"play.eye": "camera"}),
+        ("camera.yaw", 2.0, {"play.eye": "camera"}),
+    ],
+)
+def test_a_property_of_what_is_not_used_is_not_chosen(
+    field: str, value: object, needs: dict[str, object]
+) -> None:
+    other = {"play.hand": {"model": "arm", "arm": "model"}, "play.eye": {"camera": "emulator"}}
+    [(setting, needed)] = needs.items()
+    before = changed(setting, other[setting][str(needed)], PRESETS["robot"])
+    config = changed(field, value, before)
+    told = rf"^{field} is {value}, which means nothing .*: give {setting} {needed}"
+    with pytest.raises(InputError, match=told):
+        check_chosen(before, config)
+    check_chosen(before, changed(setting, needed, config))
+    check_config(config)  # a run that was stored with it
+    check_chosen(config, config)
+    check_chosen(config, before)  # which turns it off
+
+
+def test_the_emulator_alone_has_modelled_hands_and_a_camera_of_its_own() -> None:
+    config = PRESETS["fast"]
+    for field, value in (("play.press_latency", 3), ("camera.noise", 8.0)):
+        check_chosen(PRESETS["fast"], config := changed(field, value, config))
+
+
 @pytest.mark.parametrize("drawn", [{}, {"before": Column(84, 84, drawn=True)}])
 def test_states_that_travel_together_fit_a_message(
     drawn: dict[str, Column], monkeypatch: pytest.MonkeyPatch
