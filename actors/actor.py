@@ -54,6 +54,8 @@ class Actor:
         """
         try:
             self._obey(self._inserts.poll())
+            if self._member.stop.is_set():  # before a robot is built for a run that is over
+                return
             for step in play(self._envs, self._policy, seeds, self._sync.reset_options):
                 self._counters.count(step)
                 self._views.show(step)

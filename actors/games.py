@@ -34,7 +34,7 @@ from common.errors import InputError
 from common.exit_codes import FAILED
 from common.process.lifeline import on_signals
 from common.process.program_end import exit_on_input_error
-from common.run.clock import ClockConfig
+from common.settings.clock import ClockConfig
 from common.settings.config import RunConfig
 from common.settings.stored_config import from_mapping
 

@@ -12,7 +12,7 @@ from common.endpoint import DEFAULT_ENDPOINT
 from common.errors import InputError
 from common.native.kernel import KernelChoice, PrecisionChoice
 from common.pinned_file import path_of
-from common.run.clock import ClockConfig
+from common.settings.clock import ClockConfig
 from common.settings.config import MAX_ENVS, RunConfig, Seed
 
 
@@ -67,7 +67,7 @@ class ActorOptions:
     patience: Patience = 300.0
     """Seconds to wait for the hub, at the start and whenever it goes away."""
     log_json: bool = False
-    """Output as lines of JSON instead of a screen or lines for people."""
+    """Output as lines of JSON instead of plain lines."""
 
     def check(self) -> None:
         self.clock.check()

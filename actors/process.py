@@ -51,6 +51,7 @@ def join(options: ActorOptions) -> None:
     torch.set_num_threads(1)
     cv2.setNumThreads(1)
     stopped = patiently(stop, options.connect, options.patience)
+    trusted = check_certificates(options.connect, options.certificates, "actor", name)
     with (
         end_with_any_thread(stop),
         connect(
@@ -61,7 +62,6 @@ def join(options: ActorOptions) -> None:
             transport, options.run, options.patience, stopped, options.certificates
         )
         options.check_against(config)
-        trusted = check_certificates(options.connect, options.certificates, "actor", name)
         check = checker(trusted)
         member = Member(name, transport, keys, config, options.patience, stop, check_weights=check)
         _play(member, options)

@@ -12,8 +12,8 @@ from actors.envs.robot import RobotEnv
 from actors.vision.layout import ASPECT
 from ale_robot.arguments import check_settings
 from common.errors import InputError
-from common.run.clock import ClockConfig
-from common.run.rules import check_play
+from common.run.rules import check_chosen, check_play
+from common.settings.clock import ClockConfig
 from common.settings.config import RunConfig
 from viewer.terminal.rendering import TerminalRendering
 
@@ -52,6 +52,7 @@ class EntryPoint:
         if config.play.frame_stack == 1:  # a run's network needs two, but a wrapper may stack them
             config = replace(config, play=replace(config.play, frame_stack=2))
         check_play(config)
+        check_chosen(usual, config)
         if "clock" in settings:
             settings["clock"].check(self._name)
         discount = settings.get("discount", 1.0)

@@ -114,7 +114,10 @@ class Pull:
             content = read_file(fetched, MAX_WEIGHTS)
             told = _card_of(fetched)
             if told.get("sha256") != hashlib.sha256(content).hexdigest():
-                raise InputError(f"{weights} of {self.repository} does not match its card.")
+                raise InputError(
+                    f"{weights} of {self.repository} does not match its card: pull again, or ask "
+                    "whoever pushed it."
+                )
             load_policy(fetched)
             self.output.mkdir(parents=True, exist_ok=True)
             write_atomically(self.output / weights, content)
@@ -161,8 +164,8 @@ def _ask(what: str, repository: str, **arguments: Any) -> Any:
     """Calls the method ``what`` of huggingface_hub's API, and returns its result.
 
     Raises:
-        InputError: huggingface_hub is not installed, the name is none, or the hub is away or
-            refuses.
+        InputError: huggingface_hub is not installed, the name is not a repository's, or the hub is
+            away or refuses.
     """
     with extra_for("a model hub", "hub"):
         from huggingface_hub import HfApi

@@ -19,9 +19,9 @@ from common.checked import Count, Fraction, FromOne
 from common.command_line.played import settings_of
 from common.errors import InputError
 from common.protocol.step_fields import FRAME_SHAPE
-from common.run.clock import ClockConfig
 from common.run.origin import find_weights, name_of, origin_of
 from common.run.rules import check_chosen, check_play
+from common.settings.clock import ClockConfig
 from common.settings.conditions import CameraConfig, PlayConfig
 from common.settings.config import RunConfig, Seed
 from common.settings.fit import as_argument, check_fit

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from actors.envs.step_info import StepInfo
 from benchmarks.entry_point import add_entry_point
 from common.registry import ENVIRONMENTS, Environment
-from common.run.clock import ClockConfig
+from common.settings.clock import ClockConfig
 from common.settings.config import RunConfig
 
 CELLS = 7

@@ -25,8 +25,8 @@ from benchmarks.neighbour import neighbour
 from benchmarks.pace import Spread, in_turns
 from benchmarks.report import BenchmarkOptions, Report, main
 from common.checked import FromOne
-from common.run.clock import ClockConfig
 from common.run.rules import check_config
+from common.settings.clock import ClockConfig
 from common.settings.conditions import CameraConfig
 from common.settings.presets import PRESETS
 

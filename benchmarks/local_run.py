@@ -23,7 +23,7 @@ from benchmarks.report import BenchmarkOptions
 from common.checked import FromOne
 from common.command_line.run_options import parse_run
 from common.protocol.actor_stats import ActorStats
-from common.run.clock import ClockConfig
+from common.settings.clock import ClockConfig
 from common.settings.config import PresetName
 from common.transport.interface import Envelope
 from learner.options import LearnerOptions, stored_config

@@ -1,1 +1,1 @@
-"""Code that several processes share: configuration, messages, transport, metrics, the network."""
+"""Code that several processes share; docs/architecture.md has the order of its folders."""

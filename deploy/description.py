@@ -14,13 +14,14 @@ from annotated_types import Ge, Gt, Le
 from common.checked import Count, FromOne
 from common.command_line.run_options import parse_run
 from common.errors import InputError
-from common.run.clock import ClockConfig
 from common.run.folder import JOURNAL, RunFolder
+from common.settings.clock import ClockConfig
 from common.settings.presets import PRESETS
 from common.settings.stored_config import flag_of, flat
 from common.transport.access_control import MAX_SESSIONS
 from common.transport.leaky_bucket import ACTOR_QUOTA
-from learner.options import MAX_THREADS, LearnerOptions, resume_flags, run_name, stored_config
+from learner.options import MAX_THREADS, LearnerOptions, run_name, stored_config
+from learner.resume import resume_flags
 
 _SET_HERE = ("listen", "connect", "certificates", "local", "resume", "actors", "envs", "evaluators")
 """Options of the learner that the launcher sets."""

@@ -2,7 +2,6 @@
 
 import os
 import shlex
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from operator import attrgetter
@@ -14,7 +13,6 @@ from annotated_types import Ge, Gt, Le
 from pydantic import AllowInfNan
 
 from common.checked import Amount, Count, Patience
-from common.command_line.parser import started_by, without_flags
 from common.command_line.run_options import RunOptions
 from common.endpoint import DEFAULT_ENDPOINT, check_endpoint, from_here
 from common.errors import InputError
@@ -24,8 +22,8 @@ from common.process.extras import check_extra
 from common.process.http_endpoints import check_address
 from common.process.log_lines import LOADING
 from common.registry import ALGORITHMS, SAMPLERS
-from common.run.clock import ClockConfig
 from common.run.folder import Part, RunFolder
+from common.settings.clock import ClockConfig
 from common.settings.config import MAX_ENVS, RunConfig
 from common.settings.presets import PRESETS
 from common.settings.ranges import NOTHING_DRAWN
@@ -310,37 +308,3 @@ def free_cores(options: LearnerOptions) -> int:
     """
     cores = len(os.sched_getaffinity(0))
     return max(cores - options.actors if options.local else cores // 2, 1)
-
-
-def resume_flags(arguments: Sequence[str], run: str, *, done: bool) -> list[str]:
-    """Returns the flags that continue a run which was started with ``arguments``.
-
-    Args:
-        done: whether the run has reached its --steps, which are then omitted.
-    """
-    # `ale-robot train` adds --local by itself.
-    added = started_by("learner").startswith("ale-robot ") or "--no-local" in arguments
-    told = without_flags(
-        arguments,
-        ["--initial", "--demonstrations", *(["--steps"] if done else [])],
-        ["--force", *(["--local"] if added else [])],
-    )
-    flags = {argument.partition("=")[0] for argument in told}
-    more = [] if "--run" in flags else ["--run", run]
-    more += [] if "--resume" in flags else ["--resume"]
-    more += ["--steps", "None"] if done and "--config" in flags else []  # the file may have them
-    return [*told, *more]
-
-
-def resume_command(arguments: Sequence[str], run: str, *, done: bool, force: bool = False) -> str:
-    """Returns the command that continues a run, see `resume_flags`: that of make, if make started
-    the run and would give the same flags, or else this program's name with them.
-
-    Args:
-        force: whether the command should go on whatever the health checks say.
-    """
-    flags = [*resume_flags(arguments, run, done=done), *(["--force"] if force else [])]
-    by_make = os.environ.get("ALE_ROBOT_AGAIN")
-    if by_make and {*arguments} ^ {*flags} <= {"--local", "--resume"}:
-        return by_make
-    return shlex.join([*started_by("learner").split(), *flags])

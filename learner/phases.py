@@ -221,6 +221,7 @@ class Phases:
     # ------------------------------------------------------------------ checkpoints
 
     _COUNTERS = ("agent_steps", "epoch", "phase_steps", "games")
+    """Counters of every checkpoint; one that is newer than 0.1.0 is read by `dict.get` instead."""
 
     def state(self) -> dict[str, Any]:
         """Returns all counters, of JSON's types."""

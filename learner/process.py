@@ -33,8 +33,8 @@ from learner.options import (
     free_cores,
     going_on,
     join_command,
-    resume_command,
 )
+from learner.resume import resume_command
 from learner.telemetry.sinks.display import open_display
 from learner.telemetry.sinks.kept_log import KeptLogSink
 from learner.training import Learner

@@ -28,10 +28,11 @@ from common.exit_codes import INTERRUPTED
 from common.network import QNetwork, build_network, count_actions_of
 from common.process.lifeline import on_signals
 from common.process.program_end import exit_on_input_error
-from common.protocol.weights import decode_weights, set_weights
-from common.run.clock import ClockConfig
+from common.protocol.weights import set_weights
+from common.run.epochs import EpochTable
 from common.run.folder import RunFolder
-from common.run.network_file import encode_network_file
+from common.run.network_file import decode_network_file, encode_network_file
+from common.settings.clock import ClockConfig
 from common.settings.config import RunConfig
 from learner.evaluation.offline import evaluate
 from learner.evaluation.options import GAMES, EvaluationOptions
@@ -55,7 +56,7 @@ class Options:
     """Publish the weights of a run's best test, or the last ones, with a card of their scores."""
 
     run: tyro.conf.Positional[Path]
-    """Folder of the run."""
+    """Run, or its folder."""
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
     """Path of both files, without suffix."""
     last: bool = False
@@ -63,7 +64,7 @@ class Options:
     replace: bool = False
     """Replace the policy that is there."""
     games: FromOne = GAMES
-    """Number of games in each evaluation of --headline."""
+    """Number of games in each of the card's evaluations."""
 
 
 def publish(options: Options, stop: threading.Event) -> dict[str, Any]:
@@ -129,7 +130,7 @@ def _trained(options: Options, folder: RunFolder) -> tuple[RunConfig, QNetwork, 
     if test.get("crc32", crc32(weights)) != crc32(weights):
         raise InputError(f"{source} is not of the test in {snapshots.best_card}: {_WRITTEN_ANEW}.")
     try:
-        found = decode_weights(weights)
+        found = decode_network_file(weights)
         network = build_network(config, count_actions_of(config, found))
         set_weights(network, found)
     except (MessageError, KeyError) as error:
@@ -143,8 +144,25 @@ def _trained(options: Options, folder: RunFolder) -> tuple[RunConfig, QNetwork, 
     card = {name: summary[name] for name in _FROM_SUMMARY}
     card["initial"] = summary.get("initial", False)
     if not options.last:
-        card["snapshot"] = test
+        card |= {"snapshot": test, **_until(test, folder, config)}
     return config, network, card
+
+
+def _until(test: dict[str, Any], folder: RunFolder, config: RunConfig) -> dict[str, Any]:
+    """Returns what the card says of the training until the best test's weights, not of all of the
+    run. Raises InputError if the run does not tell it."""
+    rows = EpochTable(folder.epochs).rows()
+    for row in rows:
+        if (row.epoch, row.phase) == (test.get("epoch"), "train"):
+            return {
+                "agent_steps": config.replay.learning_starts + row.total_train_steps,
+                "updates": row.weight_updates,
+                "wall_seconds": row.total_time,
+            }
+    raise InputError(
+        f"{folder.epochs} lacks the epoch of {Snapshots(folder.snapshots).best_card}: put it back, "
+        "or publish the last weights by --last."
+    )
 
 
 def _read(file: Path) -> dict[str, Any]:

@@ -121,10 +121,9 @@ def test_the_folders_of_common_are_in_layers() -> None:
             reached[module] = set()
             path = ROOT / f"{module.replace('.', '/')}.py"
             for name in imported(path.read_text()) if path.is_file() else ():
-                if (folder := name.split(".")[1:2]) and folder[0] in WITHIN_COMMON:
-                    reached[module].add(folder[0])
-                elif name.startswith("common."):
-                    reached[module] |= reach(name)
+                top, folder, *_ = *name.split("."), ""
+                if top == "common":
+                    reached[module] |= {folder} if folder in WITHIN_COMMON else reach(name)
         return reached[module]
 
     found = {
@@ -135,8 +134,8 @@ def test_the_folders_of_common_are_in_layers() -> None:
         if folder not in WITHIN_COMMON[own]
     }
     assert sorted(found) == []
-    folders = {path.split("/")[1] for path, _ in sources() if path.count("/") > 1}
-    assert WITHIN_COMMON.keys() <= folders
+    inside = (path.split("/") for path, _ in sources() if path.startswith("common/"))
+    assert {parts[1] for parts in inside if len(parts) > 2} == WITHIN_COMMON.keys()
 
 
 def test_whoever_can_do_without_a_network_gets_a_transport() -> None:

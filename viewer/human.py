@@ -32,7 +32,7 @@ from common.minus import points
 from common.press_latency import COUNTS, KeyLatency
 from common.process.extras import check_extra
 from common.registry import ENVIRONMENTS
-from common.run.clock import ClockConfig
+from common.settings.clock import ClockConfig
 from viewer.recorder import Recorder, check_new_folder
 from viewer.terminal.half_blocks import HalfBlocks
 from viewer.terminal.held_keys import HeldKeys

@@ -12,7 +12,7 @@ from actors.envs import make_env
 from actors.envs.shown_env import ShownEnv
 from actors.policy import Policy
 from common.command_line.parser import WeightsFile
-from common.run.clock import ClockConfig
+from common.settings.clock import ClockConfig
 from common.settings.config import RunConfig
 
 File = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]

@@ -18,7 +18,7 @@ from common.errors import InputError
 from common.minus import points
 from common.process.extras import check_extra
 from common.process.progress import Progress
-from common.run.clock import ClockConfig
+from common.settings.clock import ClockConfig
 from viewer.recorder import Recorder, check_new_folder
 
 

@@ -18,7 +18,7 @@ from common.errors import InputError
 from common.minus import minus_signed, points
 from common.process.extras import check_extra
 from common.process.progress import Progress
-from common.run.clock import ClockConfig
+from common.settings.clock import ClockConfig
 from viewer.movie import check_movie, open_movie
 from viewer.panels import Panels
 from viewer.player import File, Network, ShownPolicy, shown_env

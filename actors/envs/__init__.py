@@ -4,7 +4,7 @@ from typing import Any
 
 from actors.envs.shown_env import ShownEnv
 from common.registry import ENVIRONMENTS
-from common.run.clock import ClockConfig
+from common.settings.clock import ClockConfig
 from common.settings.config import RunConfig
 
 

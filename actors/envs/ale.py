@@ -13,7 +13,7 @@ from actors.envs.observation import Observation, shrink
 from actors.envs.step_info import StepInfo
 from actors.envs.world import World
 from actors.robots.latency_model.model import LatencyModel
-from common.run.clock import ClockConfig
+from common.settings.clock import ClockConfig
 from common.settings.conditions import DEFAULT_PLAY, PERFECT_CAMERA, CameraConfig, PlayConfig
 from common.settings.config import RunConfig
 from common.settings.ranges import NOTHING_DRAWN, RandomiseConfig

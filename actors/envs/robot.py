@@ -21,7 +21,7 @@ from actors.robots.interface import Robot, ViewName
 from actors.vision.screen_detector import Detection
 from common.errors import InputError
 from common.registry import ROBOTS
-from common.run.clock import ClockConfig
+from common.settings.clock import ClockConfig
 from common.settings.conditions import DEFAULT_PLAY, PERFECT_CAMERA, CameraConfig, PlayConfig
 from common.settings.config import RunConfig
 from common.settings.ranges import NOTHING_DRAWN, RandomiseConfig

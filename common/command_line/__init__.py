@@ -1,0 +1,1 @@
+"""The command lines of all programs, and the errors about their flags."""

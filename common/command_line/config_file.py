@@ -12,7 +12,7 @@ from common.command_line.own_flags import going_on_from
 from common.errors import InputError, cannot_read
 from common.regular_file import read_file
 from common.settings.config import RunConfig
-from common.settings.stored_config import flag_of, from_mapping, settings
+from common.settings.stored_config import by_full_name, flag_of, from_mapping
 
 
 def with_file(arguments: Sequence[str], used: Container[str] | None = None) -> list[str]:
@@ -44,7 +44,7 @@ def with_file(arguments: Sequence[str], used: Container[str] | None = None) -> l
         else:
             told = tomllib.loads(text)
         given = {
-            name.replace("-", "_"): value for name, value in settings(told) if value is not None
+            name.replace("-", "_"): value for name, value in by_full_name(told) if value is not None
         }
         flags = list(chain.from_iterable(flag_of(*each) for each in given.items()))
     except (OSError, ValueError, RecursionError) as error:

@@ -3,7 +3,7 @@
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
-from itertools import dropwhile, takewhile
+from itertools import groupby
 
 from common.errors import InputError
 from common.settings.config import RunConfig
@@ -15,12 +15,16 @@ def as_sentence(box: str, all_flags: str) -> str:
     all flags."""
     # Without UTF-8 the box has no border, and its rules are made of "-".
     _, *lines = (line.strip("│╭╮╰╯─ ") for line in box.strip().splitlines())
-    body = dropwhile(_is_rule, lines)
-    first = " ".join(takewhile(lambda line: not _is_rule(line), body))
+    told, *hints = (list(part) for rule, part in groupby(lines, _is_rule) if not rule)
+    first = " ".join(told)
     if "Unrecognized" not in box:
         return f"{_plainly(first)} `{all_flags}` explains the flags."
     unknown = first.removeprefix("Unrecognized options: ").partition(",")[0]
-    flags = [line for line in lines if line.startswith("--") and not _is_rule(line)]
+    # If several are unknown, each has hints of its own.
+    of_first = ("Perhaps you meant:", f"Arguments similar to {unknown}:")
+    flags = [
+        line for hint in hints if hint[0] in of_first for line in hint if line.startswith("--")
+    ]
     alike = [line.split()[0].strip(",") for line in flags]
     # Of several flags that contain the given name, tyro does not prefer the shortest.
     name = unknown.lstrip("-").rpartition(".")[2]

@@ -10,6 +10,8 @@ from common.settings.meanings import bounds, docstrings
 from common.settings.own_settings import EXTENSIONS, defaults_of, written
 from common.settings.stored_config import flag_of
 
+ALL_RANGES = "--randomise.all"
+"""Flag that sets the published range of everything that can be drawn for each game."""
 HELP = ("-h", "--help")
 """Flags that ask for a program's help."""
 
@@ -32,12 +34,17 @@ def going_on_from(before: Mapping[str, Any], arguments: Sequence[str]) -> list[s
 
 
 def own_help(arguments: Sequence[str]) -> str:
-    """Returns what ``--help`` says of the own settings of the extensions that ``arguments`` choose:
-    each with its default, bounds and meaning. Raises InputError for an unknown extension."""
+    """Returns what ``--help`` says of flags that stand for others, and of the own settings of the
+    extensions that ``arguments`` choose: each with its default, bounds and meaning. Raises
+    InputError for an unknown extension."""
     known, rest = _split(arguments)
     if not {*HELP} & {*rest}:
         return ""
-    lines = []
+    lines = [
+        "--config FILE stands for the flags in FILE: TOML, a run's config.json or a policy's card. "
+        "Flags beside it go over them.",
+        "",
+    ]
     for extension in EXTENSIONS:
         if (name := known.get(extension.name)) is None:
             continue

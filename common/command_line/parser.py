@@ -11,14 +11,13 @@ from typing import Annotated, Any, TypeVar, get_type_hints
 
 import tyro
 
-from common.command_line.config_file import with_file
 from common.command_line.first_flags import read_first
 from common.command_line.flag_errors import as_sentence
 from common.command_line.help_text import wrapped
 from common.errors import InputError
 from common.exit_codes import table
 from common.run.origin import find_weights
-from common.settings.stored_config import REMOVED, RENAMED, flag_of, from_mapping
+from common.settings.stored_config import INSTEAD, REMOVED, RENAMED, flag_of, from_mapping
 from common.version import VERSION
 
 WeightsFile = Annotated[
@@ -64,7 +63,6 @@ def parse(
     if "--version" in arguments:
         print(f"ale-robot {VERSION}")
         raise SystemExit(0)
-    arguments = with_file(arguments)
     _refuse_former_flags(arguments)
     _refuse_flags_of_others(kind, arguments)
     given: dict[str, Any] = {"default": kind(**defaults)} if defaults else {}
@@ -105,7 +103,8 @@ PRESENT_FLAGS = {
     for on in (True, False)
 }
 """Present names of flags by their former names, which tables of earlier results still use."""
-_GONE = {flag_of(field, on)[0] for field in REMOVED for on in (True, False)}
+_GONE = {flag_of(field, on)[0]: INSTEAD.get(field) for field in REMOVED for on in (True, False)}
+"""What does the same now, by flags that are gone; None if nothing does."""
 
 
 def flag_in(argument: str) -> str:
@@ -118,6 +117,11 @@ def _refuse_former_flags(arguments: Sequence[str]) -> None:
     """Raises InputError for a flag of a former version, with its present name if there is one."""
     for argument in arguments:
         former = flag_in(argument)
+        if (instead := _GONE.get(former)) is not None:
+            flag, _ = flag_of(instead, 0)
+            raise InputError(
+                f"{former} is gone: give {flag}, in emulator frames instead of agent steps."
+            )
         if former in _GONE:
             raise InputError(f"{former} is gone, because no result was better with it: omit it.")
         if former in PRESENT_FLAGS:

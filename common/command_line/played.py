@@ -14,7 +14,7 @@ import tyro
 from common.command_line.config_file import with_file
 from common.command_line.first_flags import read_first
 from common.command_line.flag_errors import naming_flags
-from common.command_line.own_flags import HELP, going_on_from, own_help
+from common.command_line.own_flags import ALL_RANGES, HELP, going_on_from, own_help
 from common.command_line.parser import parse
 from common.errors import InputError
 from common.registry import ENVIRONMENTS
@@ -25,7 +25,7 @@ from common.settings.config import RunConfig, Seed
 from common.settings.fit import check_fit
 from common.settings.own_settings import defaults_of
 from common.settings.presets import PRESETS
-from common.settings.ranges import ALL_RANGES, all_ranges
+from common.settings.ranges import all_ranges
 from common.settings.stored_config import differences, flat
 
 
@@ -42,7 +42,7 @@ def settings_of(network: Path | None, env: str = RunConfig.env) -> RunConfig:
 
 @dataclass(frozen=True)
 class Played:
-    """The flags that all commands share: the game and its conditions, and who plays it."""
+    """The flags of every command that plays: the game and its conditions, and who plays it."""
 
     env: str = RunConfig.env
     """Environment: 'robot', 'ale', or a registered one."""

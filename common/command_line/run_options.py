@@ -1,8 +1,8 @@
 """The command lines of learner and replay: the settings of a run, from its preset, and the options
 that both programs have.
 
-The preset is read first and gives the defaults of all other flags, so `--help` shows the values
-that a run would really use.
+The preset, a stored run or a first network gives the defaults of all other flags, so `--help` shows
+the values that a run would really use.
 """
 
 import dataclasses
@@ -16,7 +16,7 @@ from common.checked import Count, FromOne
 from common.command_line.config_file import with_file
 from common.command_line.first_flags import read_first
 from common.command_line.flag_errors import naming_flags
-from common.command_line.own_flags import going_on_from, own_help
+from common.command_line.own_flags import ALL_RANGES, HELP, going_on_from, own_help
 from common.command_line.parser import WeightsFile, parse
 from common.endpoint import DEFAULT_ENDPOINT
 from common.errors import InputError, choice
@@ -27,7 +27,7 @@ from common.run.rules import check_chosen, check_config
 from common.settings.config import RunConfig
 from common.settings.fit import shaped_like
 from common.settings.presets import PRESETS
-from common.settings.ranges import ALL_RANGES, all_ranges
+from common.settings.ranges import all_ranges
 from common.settings.stored_config import flat
 from common.transport.leaky_bucket import ACTOR_QUOTA
 
@@ -56,7 +56,7 @@ class RunOptions:
     initial: WeightsFile | None = None
     """Network to begin with, such as ale_pong or a FILE, instead of a fresh one. The run then has
     its layers, whatever the preset; --exploration.start sets how much of its play is random at
-    first."""
+    first. A replay takes only those settings: name the learner's network."""
     listen: str = DEFAULT_ENDPOINT
     """Address at which the run's other processes reach this one; 0.0.0.0 lets other machines in."""
     certificates: Path | None = None
@@ -102,12 +102,20 @@ def parse_run(
     arguments = with_file(arguments)
     flags = [argument for argument in arguments if argument != ALL_RANGES]
     preset = preset_of(flags)
-    options = parse(kind, program, flags, own_help(flags), config=preset)
-    found = stored(options)
-    defaults = found or options.defaults(preset)
-    if defaults != preset:
+    asks_for_help = not {*HELP}.isdisjoint(flags)
+    try:
+        given = [flag for flag in flags if flag not in HELP]
+        options = parse(kind, program, given, config=preset)
+        found = stored(options)
+        defaults = found or options.defaults(preset)
+    except InputError:
+        if not asks_for_help:
+            raise
+        defaults = preset
+    if asks_for_help or defaults != preset:
+        more = own_help(flags)
         flags = going_on_from(flat(defaults), flags)
-        options = parse(kind, program, flags, config=defaults)
+        options = parse(kind, program, flags, more, config=defaults)
     if ALL_RANGES in arguments:
         drawn = dataclasses.replace(defaults, randomise=all_ranges(options.config.env))
         options = parse(kind, program, flags, config=drawn)

@@ -1,0 +1,1 @@
+"""Recordings of steps: their files, written and read."""

@@ -1,0 +1,1 @@
+"""What processes say to each other: messages, each declared once with its bounds, and weights."""

@@ -25,20 +25,6 @@ def encode_weights(
     return save(weights, None if metadata is None else dict(metadata))
 
 
-_PUBLISHED = ("average.", "online.")
-"""Prefixes, in a learner's checkpoint, of the weights that actors got; the first one that exists
-counts."""
-
-
-def _published(found: dict[str, Tensor]) -> dict[str, Tensor]:
-    """Returns, from a checkpoint's tensors, the weights that actors got; plain weights as they
-    are."""
-    for prefix in _PUBLISHED:
-        if any(name.startswith(prefix) for name in found):
-            return {n.removeprefix(prefix): v for n, v in found.items() if n.startswith(prefix)}
-    return found
-
-
 class NotSafetensors(MessageError):
     """The bytes are not the weights of any network."""
 
@@ -50,10 +36,9 @@ def load_weights(network: nn.Module, payload: bytes) -> None:
 
 
 def decode_weights(payload: bytes) -> dict[str, Tensor]:
-    """Returns the weights in ``payload``; from a learner's checkpoint, those that it published.
-    Raises NotSafetensors if it holds no weights."""
+    """Returns the weights in ``payload``. Raises NotSafetensors if it holds none."""
     try:
-        return _published(load(payload))
+        return load(payload)
     except (SafetensorError, ValueError, KeyError, TypeError, RuntimeError) as error:
         raise NotSafetensors(f"not safetensors: {error}") from None
 

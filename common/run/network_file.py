@@ -3,10 +3,10 @@
 from pathlib import Path
 
 import torch
-from torch import nn
+from torch import Tensor, nn
 
 from common.errors import InputError, MessageError, cannot_read
-from common.protocol.weights import NotSafetensors, encode_weights, load_weights
+from common.protocol.weights import NotSafetensors, decode_weights, encode_weights, set_weights
 from common.regular_file import read_file
 from common.run.origin import not_a_network, origin_metadata
 from common.settings.config import RunConfig
@@ -20,11 +20,31 @@ def encode_network_file(
     return encode_weights(network, origin_metadata(trained), dtype)
 
 
+_PUBLISHED = ("average.", "online.")
+"""Prefixes, in a learner's checkpoint, of the weights that actors got; the first one that exists
+counts."""
+
+
+def _published(found: dict[str, Tensor]) -> dict[str, Tensor]:
+    """Returns, from a checkpoint's tensors, the weights that actors got; plain weights as they
+    are."""
+    for prefix in _PUBLISHED:
+        if any(name.startswith(prefix) for name in found):
+            return {n.removeprefix(prefix): v for n, v in found.items() if n.startswith(prefix)}
+    return found
+
+
+def decode_network_file(content: bytes) -> dict[str, Tensor]:
+    """Returns the weights in a network's file; in a learner's checkpoint, those that it published.
+    Raises NotSafetensors if it holds no weights."""
+    return _published(decode_weights(content))
+
+
 def load_network_file(network: nn.Module, file: Path, what: str) -> None:
     """Puts the weights in ``file``, which a person named, into ``network``. Raises InputError if
     the file cannot be read, or does not fit ``what`` the network is for."""
     try:
-        load_weights(network, read_file(file))
+        set_weights(network, decode_network_file(read_file(file)))
     except OSError as error:
         raise cannot_read(file, error) from None
     except NotSafetensors as error:

@@ -1,5 +1,6 @@
 """The checks of a run's settings: the bounds beside each, and the rules between them."""
 
+from collections.abc import Sequence
 from dataclasses import asdict, fields
 from operator import attrgetter
 
@@ -14,18 +15,20 @@ from common.settings.conditions import (
     FRAMES_PER_SECOND,
     CameraConfig,
     LatencyModelSettings,
-    PlayConfig,
 )
 from common.settings.config import RunConfig
+from common.settings.fit import VECTOR_PARTS
 from common.settings.own_settings import ROBOT, check_own_settings, own_settings
-from common.settings.ranges import check_ranges, ignored_in
+from common.settings.ranges import DRAWN, check_ranges, ignored_in
 from common.settings.stored_config import from_mapping
 
 _DEFAULTS = RunConfig()
-_OF_A_VECTOR = [f"play.{f.name}" for f in fields(PlayConfig) if f.name.startswith("vector_")]
 _OF_MODELLED_HANDS = ["play.press_latency"]
 _OF_ARMS = ["play.arm_speed", "play.key_threshold"]
+_OF_A_ROBOT = ["play.hand", "play.eye"]
 _OF_A_CAMERA = [f"camera.{field.name}" for field in fields(CameraConfig)]
+_OF_ALL_RANGES = {f"randomise.{name}": how.most for name, how in DRAWN.items()}
+"""Ranges of ``--randomise.all``, which gives all of them whatever the hands and the eye."""
 _PLACE_BYTES = 4
 """Size in a message of a frame's place in a state."""
 _TRANSITION_BYTES = 32
@@ -47,7 +50,7 @@ def check_play(config: RunConfig) -> None:
     """Checks as `check_config` does, but for the rules of learning, messages and replay, which do
     not concern who only plays."""
     from_mapping(RunConfig, asdict(config), "")
-    for entry, name, text in config.own_settings():
+    for entry, name, text in config.extensions():
         check_own_settings(entry, text, name)
     with foreign(f"`actions` of the environment {config.env!r}"):
         ENVIRONMENTS.find(config.env).actions(config)  # raises for an unknown game
@@ -65,20 +68,30 @@ def check_chosen(before: RunConfig, config: RunConfig) -> None:
     robot = ENVIRONMENTS.find(env).robot
     modelled = play.hand == "model"
     for unused, names, needs in (
-        (not play.vector, _OF_A_VECTOR, "without play.vector: give that too"),
+        (not play.vector, VECTOR_PARTS, "without play.vector: give that too"),
         (robot and not modelled, _OF_MODELLED_HANDS, "to arms: give play.hand model too"),
         (robot and modelled, _OF_ARMS, "without arms: give play.hand arm too"),
+        (bool(play.latency_model), _OF_ARMS, "to a latency model: choose another play.robot"),
         (robot and play.eye == "emulator", _OF_A_CAMERA, "without a camera: give play.eye camera"),
+        (not robot, _OF_A_ROBOT, "without a robot: choose env robot"),
     ):
-        for name in names if unused else ():
+        for name in _with_ranges(names) if unused else ():
             value, usual, off = (attrgetter(name)(each) for each in (config, before, _DEFAULTS))
-            if value not in (usual, off):
+            if value not in (usual, off, _OF_ALL_RANGES.get(name)):
                 raise InputError(
                     f"{name} is {value}, which means nothing {needs}, or leave it at {usual}."
                 )
     chosen = play.robot != before.play.robot and not play.latency_model
     if chosen and not robot:
         raise InputError(f"--robot {play.robot} is for a robot, and --env {env} has none: omit it.")
+
+
+def _with_ranges(names: Sequence[str]) -> list[str]:
+    """Returns ``names`` and the ranges around these settings alone."""
+    return [
+        *names,
+        *(f"randomise.{name}" for name, how in DRAWN.items() if {*how.settings} <= {*names}),
+    ]
 
 
 def check_ignored(config: RunConfig) -> None:

@@ -1,7 +1,7 @@
 """Configuration of a run: frozen dataclasses, from which the command line is generated.
 
-One `RunConfig` describes one experiment. The learner writes it into the run's folder, gives it
-to every actor that asks, and refuses to resume the run under a different one.
+One `RunConfig` describes one experiment. The learner writes it into the run's folder, and
+refuses to resume the run under a different one; the replay gives it to every actor that asks.
 """
 
 from collections.abc import Iterator
@@ -279,13 +279,13 @@ class RunConfig:
     def in_full(self) -> "RunConfig":
         """Returns the settings with the values of all that extensions declare for themselves."""
         found = self
-        for entry, setting, text in self.own_settings():
+        for entry, setting, text in self.extensions():
             group, name = setting.split(".")
             changed = replace(getattr(found, group), **{name: in_full(entry, text)})
             found = replace(found, **{group: changed})
         return found
 
-    def own_settings(self) -> Iterator[tuple[Entry, str, str]]:
+    def extensions(self) -> Iterator[tuple[Entry, str, str]]:
         """Yields environment, robot, algorithm and sampler, each with the name and the text of its
         own settings. Without a robot, the robot of the settings may be unknown here."""
         for name, where, registry in EXTENSIONS:

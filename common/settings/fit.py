@@ -2,7 +2,7 @@
 
 import shlex
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import fields, replace
 from operator import attrgetter
 from pathlib import Path
 from typing import Any
@@ -10,17 +10,14 @@ from typing import Any
 from common.errors import InputError
 from common.pinned_file import path_of
 from common.registry import ALGORITHMS
+from common.settings.conditions import PlayConfig
 from common.settings.config import LearningConfig, RunConfig
 from common.settings.stored_config import flag_of
 
-VECTOR_SETTINGS = (
-    "play.vector",
-    "play.vector_commands",
-    "play.vector_key_frames",
-    "play.vector_joints",
-    "play.vector_forecast",
-)
-"""Settings of the contents of the vector observation, without the robot's number of joints."""
+VECTOR_PARTS = [f"play.{f.name}" for f in fields(PlayConfig) if f.name.startswith("vector_")]
+"""Settings of the contents of the vector observation, which mean nothing without it."""
+VECTOR_SETTINGS = ("play.vector", *VECTOR_PARTS)
+"""These and the vector itself, without the robot's number of joints."""
 _VECTOR = ("play.robot", *VECTOR_SETTINGS, "play.env_settings")
 _SHAPING: tuple[tuple[str, Callable[[RunConfig], Any], tuple[str, ...]], ...] = (
     (

@@ -161,12 +161,8 @@ def check_ranges(play: PlayConfig, camera: CameraConfig, ranges: RandomiseConfig
                 raise InputError(f"in a game that --randomise allows, {error}") from None
 
 
-ALL_RANGES = "--randomise.all"
-"""Flag that sets the published range of everything that can be drawn for each game."""
-
-
 def all_ranges(env: str) -> RandomiseConfig:
-    """Returns the ranges of ``--randomise.all``: all that have an effect in ``env``."""
+    """Returns the published ranges, of ``--randomise.all``: all that have an effect in ``env``."""
     ignored = ignored_in(env)
     published: dict[str, Any] = {
         name: how.most for name, how in DRAWN.items() if f"randomise.{name}" not in ignored

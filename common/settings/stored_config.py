@@ -41,6 +41,9 @@ REMOVED: dict[str, Any] = {
 }
 """Fields of former versions that no longer exist, and the value with which they had no effect."""
 
+INSTEAD = dict.fromkeys(("play.delay", "play.command_latency"), "play.actuation_latency")
+"""What does the same now as a removed field, in emulator frames instead of agent steps."""
+
 _HASH = re.compile(r"(#sha256=[0-9a-f]{8})[0-9a-f]{56}$")
 """The hash of a file that a setting names (`common.pinned_file`)."""
 
@@ -57,15 +60,15 @@ def flat(config: Any) -> dict[str, bool | int | float | str]:
     number, a boolean or a text is given as its text."""
     return {
         name: value if isinstance(value, bool | int | float | str) else str(value)
-        for name, value in settings(dataclasses.asdict(config))
+        for name, value in by_full_name(dataclasses.asdict(config))
     }
 
 
-def settings(table: Mapping[str, Any], group: str = "") -> Iterator[tuple[str, Any]]:
+def by_full_name(table: Mapping[str, Any], group: str = "") -> Iterator[tuple[str, Any]]:
     """Yields the values of a table of tables with their full names."""
     for name, value in table.items():
         if isinstance(value, dict):
-            yield from settings(value, f"{group}{name}.")
+            yield from by_full_name(value, f"{group}{name}.")
         else:
             yield group + name, value
 

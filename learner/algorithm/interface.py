@@ -100,7 +100,7 @@ class Algorithm(Protocol):
     def state(self) -> dict[str, Tensor]:
         """Returns everything that a checkpoint must hold, by name.
 
-        The names let `common.protocol.weights.load_weights` find the weights of `published`.
+        The names let `common.run.network_file.decode_network_file` find the weights of `published`.
         """
 
     def load_state(self, state: Mapping[str, Tensor]) -> None:

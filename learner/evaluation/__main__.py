@@ -28,7 +28,7 @@ from common.exit_codes import INTERRUPTED
 from common.process.lifeline import on_signals
 from common.process.log_lines import LOADING, say_aside
 from common.process.program_end import exit_on_input_error
-from common.run.clock import ClockConfig
+from common.settings.clock import ClockConfig
 from common.settings.ranges import RandomiseConfig
 from learner.evaluation.options import EvaluationOptions
 

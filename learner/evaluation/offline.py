@@ -25,9 +25,9 @@ from common.minus import points
 from common.network import build_network
 from common.process.progress import Progress
 from common.process.supervisor import Child
-from common.run.clock import ClockConfig
 from common.run.network_file import load_network_file
 from common.run.origin import name_of, origin_of
+from common.settings.clock import ClockConfig
 from common.settings.config import RunConfig
 from common.settings.fit import SHAPING_SETTINGS
 from common.settings.presets import PRESETS

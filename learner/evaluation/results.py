@@ -11,7 +11,7 @@ from rich.table import Table
 
 from common.minus import points
 from common.press_latency import KeyLatency
-from common.run.clock import ClockConfig
+from common.settings.clock import ClockConfig
 from learner.evaluation.scores import Scores
 from learner.telemetry.formats import decimal, per_cent, written
 

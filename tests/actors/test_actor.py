@@ -235,12 +235,13 @@ def test_a_run_that_ends_while_it_plays_is_left_before_the_next_chunk(stage: Sta
     assert len(env.moments) <= CONFIG.stream.chunk_steps + 1
 
 
-def test_a_run_that_is_over_is_left_after_one_step(stage: Stage) -> None:
+def test_a_run_that_is_over_is_left_at_once(stage: Stage) -> None:
     env = NumberedEnv([GOES_ON])
     stage.replay.ack = replace(STORED, finished=True)
     stage.start(env)
     stage.ended()
-    assert len(env.moments) <= 1
+    assert not env.moments
+    assert not stage.replay.chunks
     assert stage.warnings == [
         "a: the run has all its steps already: resume its learner with more --steps, then start "
         "this actor again."

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from actors.envs import make_env
 from actors.game_recorder import GameRecorder
-from common.run.clock import ClockConfig
+from common.settings.clock import ClockConfig
 from common.settings.presets import PRESETS
 
 

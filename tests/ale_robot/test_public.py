@@ -14,7 +14,7 @@ import ale_robot
 from actors.envs.robot import RobotEnv
 from common.errors import InputError
 from common.games import GAMES
-from common.run.clock import ClockConfig
+from common.settings.clock import ClockConfig
 from common.settings.conditions import CameraConfig, PlayConfig
 from common.settings.ranges import RandomiseConfig
 from tests.paths import ROOT
@@ -190,6 +190,11 @@ def test_arguments_of_an_evaluation_out_of_bounds_are_told(
             "Pong-Emulator",
             {"randomise": RandomiseConfig(distortion=0.1)},
             "randomise.distortion is",
+        ),
+        (
+            "Pong",
+            {"play": PlayConfig(press_latency=3)},
+            r"press_latency is 3, .* arms: give play\.hand model",
         ),
         ("Pong", {"play": PlayConfig(robot="nobody")}, "there is no robot 'nobody'"),
     ],

@@ -20,7 +20,7 @@ from benchmarks.local_run import (
 from common.command_line.parser import check_bounds
 from common.errors import InputError
 from common.protocol.actor_stats import ActorStats, Role
-from common.run.clock import ClockConfig
+from common.settings.clock import ClockConfig
 
 
 def stats(

@@ -20,8 +20,8 @@ from actors.policy import Policy
 from common.errors import InputError
 from common.network import QNetwork
 from common.registry import ENVIRONMENTS, Environment
-from common.run.clock import ClockConfig
 from common.run.rules import check_config
+from common.settings.clock import ClockConfig
 from common.settings.conditions import PlayConfig
 from common.settings.config import RunConfig, StreamConfig
 from common.settings.own_settings import own_settings

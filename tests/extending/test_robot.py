@@ -14,7 +14,7 @@ from actors.envs.robot import RobotEnv
 from actors.robots.interface import Robot, ViewName
 from common.actions import Keys
 from common.registry import ROBOTS, RobotKind
-from common.run.clock import ClockConfig
+from common.settings.clock import ClockConfig
 from common.settings.conditions import CameraConfig, Conditions, PlayConfig
 from common.settings.config import RunConfig, StreamConfig
 from common.settings.presets import PRESETS

@@ -19,9 +19,9 @@ from common.errors import InputError
 from common.exit_codes import NO_ROOM
 from common.process.log_lines import LOADING
 from common.protocol.weights import encode_weights
-from common.run.clock import ClockConfig
 from common.run.folder import RunFolder
 from common.run.network_file import encode_network_file
+from common.settings.clock import ClockConfig
 from common.settings.config import RunConfig
 from common.settings.presets import PRESETS
 from common.settings.ranges import RandomiseConfig, all_ranges
@@ -34,10 +34,10 @@ from learner.options import (
     going_on,
     join_command,
     opening,
-    resume_command,
     run_name,
     stored_config,
 )
+from learner.resume import resume_command
 from tests.certificates import certify
 
 
@@ -238,8 +238,8 @@ def test_settings_are_the_runs_that_is_gone_on_with_or_evaluated(tmp_path: Path)
     assert found(*here, "--resume") == trained
     network = str(folder.checkpoint)
     assert evaluation(network) == trained
-    delayed = replace(trained, env="robot", play=replace(trained.play, press_latency=2))
-    assert evaluation(network, "--env", "robot", "--play.press-latency", "2") == delayed
+    delayed = replace(trained, env="robot", play=replace(trained.play, actuation_latency=2))
+    assert evaluation(network, "--env", "robot", "--play.actuation-latency", "2") == delayed
 
 
 def test_an_evaluation_draws_only_what_it_is_told_to(tmp_path: Path) -> None:

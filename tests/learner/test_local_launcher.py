@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from common.process import supervisor
-from common.run.clock import ClockConfig
 from common.run.folder import RunFolder
+from common.settings.clock import ClockConfig
 from common.settings.presets import PRESETS
 from learner.local_launcher import launch
 from learner.options import LearnerOptions

@@ -14,12 +14,14 @@ from common.errors import InputError
 from common.exit_codes import INTERRUPTED
 from common.network import build_network
 from common.protocol.weights import encode_weights
+from common.run.epochs import EpochTable
 from common.settings.config import RunConfig
 from common.settings.presets import PRESETS
 from common.settings.ranges import RandomiseConfig
 from common.settings.stored_config import to_json
 from learner.evaluation.snapshots import Snapshots
 from learner.publish import Options, main, publish
+from tests.common.run.test_epochs import TRAIN
 from viewer.player import ShownPolicy
 
 FAST = PRESETS["fast"]
@@ -45,6 +47,9 @@ def _run(folder: Path) -> Path:
     (folder / "snapshots").mkdir(parents=True)
     (folder / "config.json").write_text(to_json(CONFIG))
     (folder / "summary.json").write_text(json.dumps(SUMMARY))
+    for epoch, steps, updates, seconds in ((2, 6_000, 1_500, 20.0), (3, 9_000, 2_000, 30.0)):
+        row = replace(TRAIN, epoch=epoch, total_train_steps=steps, weight_updates=updates)
+        EpochTable(folder / "epochs.csv").append(replace(row, total_time=seconds))
     (folder / "snapshots/best.json").write_text('{"epoch": 3, "train_steps": 9000}')
     network = build_network(CONFIG, 4)
     (folder / "snapshots/best.safetensors").write_bytes(encode_weights(network))
@@ -64,7 +69,9 @@ def test_a_policy_plays_from_its_two_files_alone(
     card = json.loads(output.with_suffix(".json").read_text())
     assert weights.stat().st_size < 4_000_000
     assert card["sha256"] == hashlib.sha256(weights.read_bytes()).hexdigest()
-    assert (card["agent_steps"], card["snapshot"]["epoch"]) == (12_345, 3)
+    # Until its own epoch, not those of the run's end.
+    assert (card["agent_steps"], card["updates"], card["wall_seconds"]) == (19_000, 2_000, 30.0)
+    assert card["snapshot"]["epoch"] == 3
     evaluation = card["evaluation"]
     assert evaluation["weights"] == "breakout"
     assert [(row["epsilon"], row["sticky"]) for row in evaluation["rows"]] == [
@@ -98,6 +105,13 @@ def test_no_conditions_are_drawn_for_the_scores_of_the_card(
     card = publish(Options(_run(tmp_path / "small"), tmp_path / "breakout"), threading.Event())
     assert played == [replace(CONFIG, randomise=RandomiseConfig())]
     assert card["config"]["randomise"]["latency"] == 4
+
+
+def test_the_epoch_of_the_best_test_must_be_known(tmp_path: Path) -> None:
+    run = _run(tmp_path / "small")
+    (run / "snapshots/best.json").write_text('{"epoch": 4, "train_steps": 9000}')
+    with pytest.raises(InputError, match=r"epochs.csv lacks the epoch of .*best.json: put it back"):
+        publish(Options(run, tmp_path / "breakout"), threading.Event())
 
 
 @pytest.mark.parametrize("output", [".", "/", "..", "policies/.."])

@@ -28,8 +28,8 @@ from common.pinned_file import pin
 from common.process.log_lines import LOADING
 from common.protocol.weights import encode_weights
 from common.registry import ENVIRONMENTS, ROBOTS, Environment, RobotKind
-from common.run.clock import ClockConfig
 from common.run.network_file import encode_network_file
+from common.settings.clock import ClockConfig
 from common.settings.conditions import CameraConfig, PlayConfig
 from common.settings.config import RunConfig
 from common.settings.presets import PRESETS

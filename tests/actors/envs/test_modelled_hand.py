@@ -13,7 +13,7 @@ from actors.envs.observation import shrink
 from actors.envs.robot import RobotEnv
 from actors.robots.interface import Hands
 from common.actions import KEYS_OF_ACTION, Keys
-from common.run.clock import ClockConfig
+from common.settings.clock import ClockConfig
 from common.settings.conditions import PlayConfig
 from tests.actors.envs.narrowed import nao_of
 

@@ -17,7 +17,7 @@ from actors.envs.clock import Lockstep, RealTime
 from actors.envs.robot import RobotEnv
 from actors.envs.world import AgentStep
 from common.actions import KEYS_OF_ACTION, Keys
-from common.run.clock import ClockConfig
+from common.settings.clock import ClockConfig
 from common.settings.conditions import CameraConfig, PlayConfig
 from tests.actors.envs.narrowed import nao_of
 from tests.patience import PATIENCE

@@ -24,9 +24,9 @@ from common.checked import MAX_NAME
 from common.command_line.run_options import parse_run
 from common.errors import InputError
 from common.registry import ENVIRONMENTS
-from common.run.clock import ClockConfig
 from common.run.epochs import EpochTable
 from common.run.folder import RunFolder
+from common.settings.clock import ClockConfig
 from common.settings.config import RunConfig
 from learner.evaluation import offline
 from learner.evaluation.options import EvaluationOptions

@@ -17,6 +17,14 @@ from tests.common.command_line.test_parser import parsed
     ("arguments", "words"),
     [
         (["--gmae", "pong"], r"^there is no flag --gmae: did you mean --game\?$"),
+        (
+            ["--zzz", "1", "--learning.rate", "2", "--learning.batch", "64"],
+            r"^there is no flag --zzz: `python -m program --help` lists the flags\.$",
+        ),
+        (
+            ["--learning.batch", "64", "--gmae", "pong", "--learning.momentum", "0.9"],
+            r"^there is no flag --learning.batch: did you mean --learning.batch-size\?$",
+        ),
         (["--zzz=1"], r"^there is no flag --zzz.*: `python -m program --help` lists the flags\.$"),
         (["pong"], r"^pong lacks a flag before it, or is one too many: `python -m program "),
         *(

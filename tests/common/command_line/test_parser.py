@@ -128,6 +128,27 @@ def test_the_help_tells_of_all_ranges(capsys: pytest.CaptureFixture[str]) -> Non
     assert "--randomise.head-pose" in told
 
 
+def test_the_defaults_in_the_help_are_those_of_the_network_or_run_that_it_begins_with(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    def quantiles(*flags: str, stored: RunConfig | None = None) -> str:
+        with pytest.raises(SystemExit) as left:
+            parsed(*flags, "--help", stored=stored)
+        assert left.value.code == 0
+        _, _, told = capsys.readouterr().out.partition("--learning.quantiles INT")
+        return told[: told.index("--learning.network")]
+
+    learned = replace(PRESETS["fast"], learning=replace(PRESETS["fast"].learning, quantiles=32))
+    assert "(default: 51)" in quantiles()
+    assert "(default: 32)" in quantiles("--resume", stored=learned)
+    assert "(default: 51)" in quantiles("--initial", "nowhere")
+
+
+def test_programs_without_settings_know_no_file_of_settings(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"^there is no flag --config: `python -m program"):
+        parse(Bounded, "program", ["--config", str(tmp_path / "card.json")])
+
+
 def test_the_defaults_in_the_help_are_the_presets(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as caught:
         parsed("--preset", "paper", "--help")
@@ -273,12 +294,18 @@ def test_a_flag_by_its_former_name_says_the_present_one(flags: list[str], presen
         "--learning.watkins-cut",
         "--exploration.no-per-env",
         "--learning.vector-scale",
-        "--play.command-latency",
         "--play.release",
     ],
 )
 def test_a_flag_that_is_gone_is_said_to_be(flag: str) -> None:
     with pytest.raises(InputError, match=r"^--\S+ is gone, because .*: omit it\.$"):
+        parse(Options, "program", [flag])
+
+
+@pytest.mark.parametrize("flag", ["--play.delay", "--play.command-latency=2"])
+def test_a_flag_that_is_gone_names_what_does_the_same(flag: str) -> None:
+    told = r"is gone: give --play.actuation-latency, in emulator frames instead of agent steps\.$"
+    with pytest.raises(InputError, match=told):
         parse(Options, "program", [flag])
 
 

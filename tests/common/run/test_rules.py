@@ -15,6 +15,7 @@ from common.run.rules import check_chosen, check_config
 from common.settings.conditions import PlayConfig
 from common.settings.config import RunConfig
 from common.settings.presets import PRESETS
+from common.settings.ranges import all_ranges
 from replay.batch import SharedBatch
 from replay.messages import HeldOutStates
 from tests.common.settings.test_config import changed
@@ -60,6 +61,9 @@ def test_a_part_of_a_vector_is_not_chosen_without_it(field: str, value: object) 
         ("play.key_threshold", 1.2, {"play.hand": "arm"}),
         ("camera.noise", 8.0, {"play.eye": "camera"}),
         ("camera.yaw", 2.0, {"play.eye": "camera"}),
+        ("randomise.press_latency", 2, {"play.hand": "model"}),
+        ("randomise.arm_speed", 0.4, {"play.hand": "arm"}),
+        ("randomise.head_pose", 4.0, {"play.eye": "camera"}),
     ],
 )
 def test_a_property_of_what_is_not_used_is_not_chosen(
@@ -76,6 +80,25 @@ def test_a_property_of_what_is_not_used_is_not_chosen(
     check_config(config)  # a run that was stored with it
     check_chosen(config, config)
     check_chosen(config, before)  # which turns it off
+
+
+@pytest.mark.parametrize(("field", "value"), [("play.eye", "emulator"), ("play.hand", "model")])
+def test_no_part_of_a_robot_is_chosen_without_one(field: str, value: str) -> None:
+    config = changed(field, value, PRESETS["fast"])
+    with pytest.raises(InputError, match=rf"^{field} is {value}, .* without a robot: choose env"):
+        check_chosen(PRESETS["fast"], config)
+    check_chosen(config, replace(config, env="ale"))  # as the emulator alone plays a robot's policy
+
+
+def test_a_latency_model_has_no_arms() -> None:
+    before = changed("play.robot", "a/hand.npz", PRESETS["robot"])
+    with pytest.raises(InputError, match=r"arm_speed is 0.5, .* to a latency model: choose anoth"):
+        check_chosen(before, changed("play.arm_speed", 0.5, before))
+
+
+def test_all_ranges_may_be_drawn_whatever_the_hands_and_the_eye() -> None:
+    before = changed("play.eye", "emulator", PRESETS["robot"])
+    check_chosen(before, replace(before, randomise=all_ranges("robot")))
 
 
 def test_the_emulator_alone_has_modelled_hands_and_a_camera_of_its_own() -> None:

@@ -19,7 +19,7 @@ from common.errors import InputError
 from common.exit_codes import FAILED
 from common.process.supervisor import Child
 from common.registry import ENVIRONMENTS, Environment
-from common.run.clock import ClockConfig
+from common.settings.clock import ClockConfig
 from common.settings.config import RunConfig
 from common.settings.presets import PRESETS
 from learner.evaluation import offline

@@ -12,7 +12,7 @@ from rich.table import Table
 
 from actors.games import GamesOptions, games
 from common.press_latency import COUNTS, KeyLatency, ms_of, place_of
-from common.run.clock import ClockConfig
+from common.settings.clock import ClockConfig
 from common.settings.conditions import PlayConfig
 from common.settings.presets import PRESETS
 from common.strict_json import strict

@@ -6,7 +6,7 @@ import gymnasium
 import numpy as np
 import pytest
 
-from common.run.clock import ClockConfig
+from common.settings.clock import ClockConfig
 from viewer.terminal import rendering
 from viewer.terminal.rendering import ROOM_EVERY, TerminalRendering
 

@@ -138,7 +138,7 @@ def test_without_a_terminal_only_pictures_are_offered(robot: bool) -> None:
 PROGRAM = """
 import sys
 import gymnasium
-from common.run.clock import ClockConfig
+from common.settings.clock import ClockConfig
 env = gymnasium.make(sys.argv[1], render_mode="human", **eval(sys.argv[2]))
 env.reset(seed=0)
 for action in (2, 3, 4, 5, 1):

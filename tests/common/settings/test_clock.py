@@ -3,7 +3,7 @@
 import pytest
 
 from common.errors import InputError
-from common.run.clock import ClockConfig
+from common.settings.clock import ClockConfig
 
 REAL_TIME = ClockConfig(sync=False, speed=2.5)
 
