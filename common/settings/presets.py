@@ -117,17 +117,20 @@ _ROBOT = replace(
 _FRUGAL = replace(
     _ROBOT,
     preset="frugal",
-    replay=replace(_ROBOT.replay, learning_starts=5_000),  # a fortieth of a run of 200,000
+    replay=replace(_ROBOT.replay, learning_starts=2_000),  # a fiftieth of a run of 100,000
     learning=replace(
         _ROBOT.learning,
-        train_period=4,  # four times the samples per agent step, at a third of the steps per second
-        learning_rate=4e-4,  # steps are many, so each may be a little shorter
-        annealing_steps=120_000,  # some half of a run of 200,000
-        target_update_period=500,  # updates: 2,000 agent steps, so what is learned spreads sooner
-        publish_period=48,  # updates: as often by agent steps as in robot
-        checkpoint_period=5_000,
+        # An update of few samples at each step: 16 are better than 32 or 64, and those than 128 at
+        # every fourth, which are as many as 32 (LOG.md; Obando-Ceron et al. 2023).
+        batch_size=16,
+        train_period=1,
+        learning_rate=2.5e-4,  # shorter steps, since there are sixteen times as many
+        annealing_steps=90_000,  # nearly all of a run of 100,000
+        target_update_period=500,  # agent steps, so what is learned spreads sooner
+        publish_period=192,  # as often by agent steps as in robot
+        checkpoint_period=20_000,
     ),
-    exploration=replace(_ROBOT.exploration, steps=25_000),
+    exploration=replace(_ROBOT.exploration, steps=10_000),
     protocol=replace(_ROBOT.protocol, epoch_steps=25_000),  # more points of a short curve
 )
 
