@@ -7,7 +7,8 @@ import pytest
 import torch
 
 from common.network import QNetwork
-from common.protocol.weights import encode_weights, load_weights
+from common.protocol.weights import encode_weights
+from common.run.network_file import load_network_file
 from common.settings.config import LearningConfig
 from common.settings.presets import PRESETS
 from learner.algorithm.double_dqn import double_dqn
@@ -101,7 +102,7 @@ def test_a_checkpoint_keeps_both_and_gives_away_the_mean(tmp_path: Path) -> None
         learn(algorithm, random_batch(seed=seed))
     Checkpoint(path, tmp_path / "previous", algorithm, PRESETS["fast"]).save({})
     played = QNetwork(6)
-    load_weights(played, path.read_bytes())
+    load_network_file(played, path, "this game")
     assert encode_weights(played) == encode_weights(algorithm.published)
     assert encode_weights(played) != encode_weights(algorithm.online)
     resumed = _algorithm(0.9)
