@@ -21,11 +21,9 @@ def as_sentence(box: str, all_flags: str) -> str:
         return f"{_plainly(first)} `{all_flags}` explains the flags."
     unknown = first.removeprefix("Unrecognized options: ").partition(",")[0]
     # If several are unknown, each has hints of its own.
-    of_first = ("Perhaps you meant:", f"Arguments similar to {unknown}:")
-    flags = [
-        line for hint in hints if hint[0] in of_first for line in hint if line.startswith("--")
-    ]
-    alike = [line.split()[0].strip(",") for line in flags]
+    headings = ("Perhaps you meant:", f"Arguments similar to {unknown}:")
+    of_first = (line for heading, *lines in hints if heading in headings for line in lines)
+    alike = [line.split()[0].strip(",") for line in of_first if line.startswith("--")]
     # Of several flags that contain the given name, tyro does not prefer the shortest.
     name = unknown.lstrip("-").rpartition(".")[2]
     alike = sorted((each for each in alike if name in each), key=len) or alike
