@@ -70,13 +70,20 @@ def test_the_short_presets_offer_the_games_own_actions() -> None:
         assert PRESETS[name].play.minimal_actions
 
 
-@pytest.mark.parametrize("name", ["fast", "robot"])
-def test_the_short_presets_sample_as_often_as_mnih_et_al_in_larger_minibatches(name: str) -> None:
+@pytest.mark.parametrize(
+    ("name", "samples", "steps_of_target", "rate"),
+    [("fast", 8, 4_000, 5e-4), ("robot", 4, 2_000, 2.5e-4), ("frugal", 16, 500, 2.5e-4)],
+)
+def test_the_short_presets_draw_and_copy_by_the_agent_step_and_end_at_one_rate(
+    name: str, samples: int, steps_of_target: int, rate: float
+) -> None:
     preset = PRESETS[name]  # type: ignore[index]
     learning = preset.learning
-    assert preset.samples_per_insert == 8
-    assert learning.target_update_period * learning.train_period == 4_000
-    assert learning.learning_rate_at(0) == 5e-4
+    assert preset.samples_per_insert == samples
+    assert learning.target_update_period * learning.train_period == steps_of_target
+    assert learning.publish_period * learning.train_period == 192
+    assert learning.checkpoint_period * learning.train_period == 20_000
+    assert learning.learning_rate_at(0) == rate
     end = learning.annealing_steps // learning.train_period + 1
     assert learning.learning_rate_at(end) == pytest.approx(5e-5)
 
