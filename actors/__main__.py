@@ -5,7 +5,7 @@ if __name__ == "__main__":
     import sys
 
     # A working directory that does not hold this package may hold another `common`.
-    if not sys.flags.safe_path and sys.path[0] != os.path.dirname(os.path.dirname(__file__)):
+    if not sys.flags.safe_path and sys.path[0] != os.path.abspath(f"{__file__}/../.."):
         del sys.path[0]
         os.environ["PYTHONSAFEPATH"] = "1"  # for the programs that this one starts
 

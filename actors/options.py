@@ -84,9 +84,10 @@ class ActorOptions:
         """Refuses a run that plays something other than these options ask for."""
         for flag, wanted, found in (
             ("--env", self.env, config.env),
-            ("--game", self.game, config.game),
-            ("--robot", self.robot, str(path_of(config.play.robot))),
+            ("--game", self.game, config.task),
+            ("--robot", self.robot and str(path_of(self.robot)), config.hands),
         ):
             if wanted is not None and wanted != found:
-                raise InputError(f"the run plays {found}, not {wanted}: omit {flag} to join it.")
+                plays = found or f"{config.played}, without a robot"
+                raise InputError(f"the run plays {plays}, not {wanted}: omit {flag} to join it.")
         self.clock.check(config.env)

@@ -16,10 +16,10 @@ from actors.envs.observation import NO_VECTOR, Observation
 from actors.policy import Policy
 from ale_robot.arguments import check_argument, check_settings
 from common.checked import Count, Fraction, FromOne
-from common.command_line.played import settings_of
+from common.command_line.played import playing_settings
 from common.errors import InputError
 from common.protocol.step_fields import FRAME_SHAPE
-from common.run.origin import find_weights, name_of, origin_of
+from common.run.origin import find_weights, name_of, trained_settings
 from common.run.rules import check_chosen, check_play
 from common.settings.clock import ClockConfig
 from common.settings.conditions import CameraConfig, PlayConfig
@@ -47,7 +47,7 @@ class TrainedPolicy:
         epsilon = check_argument(Fraction, epsilon, "epsilon")
         seed = check_argument(Seed, seed, "seed")
         self.weights = _file_of(weights)
-        self.config = settings_of(self.weights)
+        self.config = playing_settings(self.weights)
         self._policy = Policy.of_file(self.config, self.weights, epsilon, seed)
 
     def __repr__(self) -> str:
@@ -144,8 +144,7 @@ def evaluate(
             them.
     """
     file = _file_of(weights)
-    if (trained := origin_of(file)) is None:
-        raise InputError(f"{file} has neither a card nor a run: keep it in its run's folder.")
+    trained = trained_settings(file)
     seed = check_argument(Seed, seed, "seed")
     options = EvaluationOptions(
         games=check_argument(FromOne, games, "games"),

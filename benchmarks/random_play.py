@@ -4,7 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from actors.envs import make_env
-from actors.loop import play
+from actors.loop import play, seeds_of
 from actors.policy import Policy
 from actors.stream.chunker import Chunker
 from common.settings.config import RunConfig
@@ -18,10 +18,11 @@ def random_play(config: RunConfig, steps: int, folder: Path) -> ReplayBuffer:
         replay=replace(config.replay, capacity=2 * steps, learning_starts=1, ratio_tolerance=10**9),
     )
     env = make_env(config, training=True)
-    policy = Policy.of_file(config, None, 1.0, config.seed)
+    policy_seed, env_seed = seeds_of(config.seed)
+    policy = Policy.of_file(config, None, 1.0, policy_seed)
     chunker = Chunker("random-play", "actor-1", 1, 0, config.stream.chunk_steps)
     buffer = ReplayBuffer(config, folder)
-    for number, step in enumerate(play([env], policy, [config.seed])):
+    for number, step in enumerate(play([env], policy, [env_seed])):
         if (chunk := chunker.add(step)) is not None:
             buffer.insert(chunk)
         if number == steps:

@@ -43,7 +43,11 @@ BENCHMARKS = {
     ),
     "many_actors": Benchmark(
         "a hub with 1 to 1,024 actors in real time: what they get, what it costs, weights to all",
-        {"many_actors": ""},
+        {
+            "many_actors": "",
+            "many_actors_one_router": "--numbers 64 256",
+            "many_actors_two_routers": "--numbers 64 256 --router",
+        },
     ),
     "flood": Benchmark(
         "training beside one certified client that sends as much as it can, and what is refused",
@@ -54,13 +58,18 @@ BENCHMARKS = {
         {
             "epochs_ale": "--env ale",
             "epochs_robot": '--env robot --learner="--envs 2" --evaluators 2',
-            "epochs_robot_async": "--env robot --no-sync --actors 10 --evaluators 5",
+            "epochs_robot_async": "--env robot --no-sync --actors 10 --evaluators 5"
+            ' --learner="--learning.batch-size 32 --learning.train-period 4"',
         },
     ),
     "scaling": Benchmark("a whole local run with more and more actors", {"scaling": "--env robot"}),
     "peers": Benchmark(
         "training, replay and update beside stable-baselines3, cpprb and plain PyTorch",
-        {"peers": ""},
+        {
+            "peers": "",
+            "peers_training": "--only training",
+            "peers_training_again": "--only training",
+        },
     ),
 }
 """All benchmarks by name, in the order in which `make bench` runs them."""

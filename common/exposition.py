@@ -24,7 +24,7 @@ _WITHOUT = {"none", "per second", "per day"}
 """Units that are not appended to names."""
 
 
-def name_of(metric: Metric) -> str:
+def exposed_name(metric: Metric) -> str:
     """Returns the name under which Prometheus stores a numeric figure."""
     words = [PREFIX, *metric.key.replace("/", "_").split("_")]
     unit, _ = _UNITS.get(metric.unit, (metric.unit, 1))
@@ -40,7 +40,7 @@ def family(
     unit, factor = _UNITS.get(metric.unit, (metric.unit, 1))
     help_text = metric.meaning + ("" if unit == "none" else f" ({unit})")
     kind = CounterMetricFamily if metric.counter else GaugeMetricFamily
-    found = kind(name_of(metric), help_text, labels=labels)
+    found = kind(exposed_name(metric), help_text, labels=labels)
     for of, value in samples:
         if value is not None and not isinstance(value, str):
             found.add_metric(of, value / factor)

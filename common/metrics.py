@@ -182,7 +182,8 @@ declare(
     Metric("run/phase_steps", "steps", "count", "Agent steps so far in the current phase"),
     Metric("run/phase_length", "steps", "count", "Agent steps of the current phase in all"),
     Metric("run/train_steps_per_second", "per second", ".1",
-           "Agent steps per second over all finished training phases", summary="steps_per_second"),
+           "Agent steps per second over all finished training phases; over the last 15 s before "
+           "the first has ended", summary="steps_per_second"),
     Metric("run/test_steps_per_second", "per second", ".1",
            "Agent steps per second over all finished tests", summary="test_steps_per_second"),
     Metric("run/epochs_per_day", "per day", ".1",

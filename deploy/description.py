@@ -14,7 +14,7 @@ from annotated_types import Ge, Gt, Le
 from common.checked import Count, FromOne
 from common.command_line.run_options import parse_run
 from common.errors import InputError
-from common.run.folder import JOURNAL, RunFolder
+from common.run.folder import JOURNAL, RUNS, RunFolder
 from common.settings.clock import ClockConfig
 from common.settings.presets import PRESETS
 from common.settings.stored_config import flag_of, flat
@@ -40,7 +40,7 @@ class LaunchOptions:
     """Engine that runs the processes."""
     run: str | None = None
     """Name of the run; by default it is made of environment, game and preset."""
-    runs: Path = Path("runs")
+    runs: Path = RUNS
     """Folder that holds the runs; all nodes of Slurm or Ray must share it."""
     actors: Annotated[int, Ge(1), Le(MAX_SESSIONS)] = 2
     """Number of training actors; each is a process with one core."""

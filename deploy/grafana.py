@@ -11,7 +11,7 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any
 
-from common.exposition import name_of
+from common.exposition import exposed_name
 from common.metrics import METRICS, Metric
 from learner.telemetry.sinks.prometheus import CHECK, OMITTED, PER_ACTOR
 
@@ -62,7 +62,7 @@ def _panel(title: str, metrics: Sequence[Metric], legend: str = "") -> dict[str,
     """Returns a panel of figures with the same unit; ``legend`` is that of a series, the figure's
     name if it is empty."""
     (unit,) = {_unit(metric) for metric in metrics}
-    series = [(metric, name_of(metric) + OF_LEARNER) for metric in metrics]
+    series = [(metric, exposed_name(metric) + OF_LEARNER) for metric in metrics]
     return {
         "type": "state-timeline" if metrics[0] is CHECK else "timeseries",
         "title": title,

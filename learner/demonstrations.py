@@ -253,7 +253,8 @@ class Demonstrations:
                     f"{self.begun.path} was changed while it was read: begin a new run with it."
                 )
             told = replace(self._stats, leaving=True, acked=self._stats.made, run_id=keys.run_id)
-            transport.publisher(keys.stats("actor", DEMONSTRATIONS)).publish(told.encode())
+            with closing(transport.publisher(keys.stats("actor", DEMONSTRATIONS))) as publisher:
+                publisher.publish(told.encode())
         tell(f"the replay begins with {self._stats.steps:,} steps of {self.begun.path}.")
         return replace(self.begun, complete=True)
 

@@ -135,8 +135,8 @@ class LearnerOptions(RunOptions):
         if self.steps is not None and self.steps <= self.config.replay.learning_starts:
             lower = "" if self.resume else ", or lower --replay.learning-starts"
             raise InputError(
-                f"--steps is {self.steps}, no more than the warm-up of "
-                f"{self.config.replay.learning_starts}: choose more{lower}."
+                f"--steps is {self.steps:,}, no more than the warm-up of "
+                f"{self.config.replay.learning_starts:,}: choose more{lower}."
             )
         steps = self.config.learning.curriculum_steps
         if steps and self.config.randomise == NOTHING_DRAWN:
@@ -304,7 +304,8 @@ def free_cores(options: LearnerOptions) -> int:
     """Returns the number of cores for the update: those that the actors here leave free.
 
     Threads that share a core wait for each other at every layer: two threads on two busy cores are
-    far slower than one alone (benchmarks/LOG.md).
+    far slower than one alone (benchmarks/LOG.md). An evaluator plays at lower priority, and only
+    while there is a test.
     """
     cores = len(os.sched_getaffinity(0))
     return max(cores - options.actors if options.local else cores // 2, 1)

@@ -214,3 +214,26 @@ def test_what_the_page_names_inside_a_class_is_there() -> None:
     for kind, name in named:
         there = re.compile(rf"class {kind}\b.*(def {name}\(|self\.{name} = )", re.DOTALL)
         assert any(there.search(text) for text in code), f"{kind}.{name}"
+
+
+@pytest.mark.parametrize(
+    "program", ["actors", "deploy", "learner", "learner/evaluation", "replay", "viewer"]
+)
+def test_each_program_begins_with_the_same_lines(program: str) -> None:
+    # They come before any import, so no module can hold them.
+    here = "/..".join(["{__file__}", *("" for _ in program.split("/")), ""])
+    text = (ROOT / program / "__main__.py").read_text(encoding="utf-8")
+    assert (
+        f'''
+if __name__ == "__main__":
+    import os
+    import sys
+
+    # A working directory that does not hold this package may hold another `common`.
+    if not sys.flags.safe_path and sys.path[0] != os.path.abspath(f"{here}"):
+        del sys.path[0]
+        os.environ["PYTHONSAFEPATH"] = "1"  # for the programs that this one starts
+
+    from common.process.lifeline import leave_at_interrupt'''
+        in text
+    )

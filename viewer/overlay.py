@@ -9,16 +9,16 @@ from numpy.typing import NDArray
 
 from common.actions import KEYS_OF_ACTION, Keys
 
-Colour = tuple[int, int, int]
+Pixel = tuple[int, int, int]
 
-PAPER: Colour = (24, 26, 30)
-WHITE: Colour = (236, 238, 240)
-GREY: Colour = (128, 132, 138)
-GREEN: Colour = (51, 242, 89)
+PAPER: Pixel = (24, 26, 30)
+WHITE: Pixel = (236, 238, 240)
+GREY: Pixel = (128, 132, 138)
+GREEN: Pixel = (51, 242, 89)
 """The colour of pressed keys on the controller itself."""
-YELLOW: Colour = (255, 214, 64)
-MAGENTA: Colour = (255, 0, 255)
-RED: Colour = (240, 70, 60)
+YELLOW: Pixel = (255, 214, 64)
+MAGENTA: Pixel = (255, 0, 255)
+RED: Pixel = (240, 70, 60)
 
 _FONT = cv2.FONT_HERSHEY_SIMPLEX
 _SIZE = 0.6
@@ -44,13 +44,13 @@ def write(
     at: tuple[int, int],
     *,
     size: float = _SIZE,
-    colour: Colour = WHITE,
+    colour: Pixel = WHITE,
 ) -> None:
     """Writes ASCII text with the left end of its baseline ``at``."""
     cv2.putText(picture, text, at, _FONT, size, colour, 1, cv2.LINE_AA)
 
 
-def caption(picture: NDArray[np.uint8], text: str, colour: Colour = WHITE) -> None:
+def caption(picture: NDArray[np.uint8], text: str, colour: Pixel = WHITE) -> None:
     """Writes ``text`` into the lower left corner, on a dark ground."""
     (width, _), _ = cv2.getTextSize(text, _FONT, _SIZE, 1)
     picture[-24:, : width + 14] = PAPER
@@ -61,7 +61,7 @@ def outline(
     picture: NDArray[np.uint8],
     corners: NDArray[np.float32],
     scale: float,
-    colour: Colour,
+    colour: Pixel,
     thickness: int = 2,
 ) -> None:
     """Draws a quadrilateral, to a sixteenth of a pixel.
@@ -105,7 +105,7 @@ def action_sign(
     picture: NDArray[np.uint8],
     centre: tuple[int, int],
     action: int,
-    colour: Colour,
+    colour: Pixel,
     scale: float,
 ) -> None:
     """Draws an action: an arrow, a red dot beside it for fire, or a dash for no key.

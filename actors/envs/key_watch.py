@@ -14,7 +14,7 @@ from common.press_latency import MAX_FRAMES, Goal, place_of
 
 _KEPT = 1_024
 """Maximum number of outcomes kept until `KeyWatch.take`. A step has at most two for each command.
-Where a person plays, nobody takes them."""
+The emulator alone takes none."""
 
 
 class KeyWatch:

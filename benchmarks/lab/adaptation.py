@@ -14,7 +14,6 @@ from benchmarks.lab.policy import (
     evaluate,
     first_at,
     scores_of,
-    settings_of,
     train,
 )
 from benchmarks.report import Report, Table, main
@@ -22,6 +21,7 @@ from common.checked import FromOne
 from common.registry import ENVIRONMENTS
 from common.run.epochs import EpochTable
 from common.run.folder import RunFolder
+from common.run.origin import trained_settings
 from common.settings.config import RunConfig
 from common.settings.presets import PRESETS
 from common.settings.stored_config import flag_of, flat
@@ -60,7 +60,7 @@ class Options(TrainingOptions, PlayingOptions):
 
 
 def measure(options: Options) -> Report:
-    trained = settings_of(options.network)
+    trained = trained_settings(options.network)
     to = shlex.split(options.to)
     folder = RunFolder(options.runs, options.run)
     games = {

@@ -14,12 +14,12 @@ from typing import Annotated, Any
 import tyro
 from annotated_types import MinLen
 
-from benchmarks.lab.policy import evaluate, settings_of
+from benchmarks.lab.policy import evaluate
 from benchmarks.report import BenchmarkOptions, Report, main, scored
 from common.atomic_file import check_new_file
 from common.checked import Fraction, FromOne
 from common.press_latency import ms_of
-from common.run.origin import run_of
+from common.run.origin import run_of, trained_settings
 from common.settings.conditions import Latency
 from learner.evaluation.options import EPSILON
 
@@ -51,7 +51,7 @@ class Options(BenchmarkOptions):
         check_new_file(self.output)
 
 
-def name_of(network: Path) -> str:
+def run_or_policy(network: Path) -> str:
     """Returns the name of a published policy, such as ``ale_pong``, or of a checkpoint's run."""
     run = run_of(network)
     return run.name if run else network.stem
@@ -64,13 +64,13 @@ def hand_flags(network: Path, press: int) -> list[str]:
         InputError: the settings of the network's training are unknown.
     """
     late = ["--play.press-latency", f"{press}"]
-    return [*late, "--play.hand", "model"] if settings_of(network).env == "robot" else late
+    return [*late, "--play.hand", "model"] if trained_settings(network).env == "robot" else late
 
 
 def play(network: Path, press: int, options: Options) -> dict[str, Any]:
     told = evaluate(network, options.games, options.epsilon, hand_flags(network, press))
     told |= {
-        "network": name_of(network),
+        "network": run_or_policy(network),
         "press": press,
         "late_ms": ms_of(press),
         "cpu": told["machine"]["cpu"],

@@ -14,12 +14,12 @@ from typing import Annotated, NamedTuple
 from annotated_types import Ge
 
 from actors.envs import make_env
-from actors.loop import Step, play
+from actors.loop import Step, play, seeds_of
 from actors.policy import Policy
 from benchmarks.lab.policy import PlayingOptions
 from benchmarks.report import Report, Row, main
 from common.checked import Fraction, FromOne
-from common.command_line.played import settings_of
+from common.command_line.played import playing_settings
 from common.process.progress import Progress
 from common.settings.config import RunConfig
 
@@ -86,11 +86,11 @@ def rows_of(points: Sequence[Point], width: int) -> list[Row]:
     return rows
 
 
-def games_of(config: RunConfig, policy: Policy, games: int) -> Iterator[Step]:
+def games_of(config: RunConfig, policy: Policy, games: int, seed: int) -> Iterator[Step]:
     """Yields the agent steps of so many whole games."""
     over = 0
     with closing(make_env(config, training=False)) as env, Progress("games", games) as progress:
-        for step in play([env], policy, [config.seed]):
+        for step in play([env], policy, [seed]):
             yield step
             over += step.terminated or step.truncated
             if over == games:
@@ -102,10 +102,11 @@ def measure(options: Options) -> Report:
     import torch  # only here, so that wrong flags are answered at once
 
     torch.set_num_threads(1)
-    trained = replace(settings_of(options.network), seed=options.seed)
+    trained = playing_settings(options.network)
     config = replace(trained, play=replace(trained.play, sticky=options.sticky))
-    policy = Policy.of_file(config, options.network, options.epsilon, options.seed)
-    points = list(points_of(games_of(config, policy, options.games)))
+    policy_seed, env_seed = seeds_of(options.seed)
+    policy = Policy.of_file(config, options.network, options.epsilon, policy_seed)
+    points = list(points_of(games_of(config, policy, options.games, env_seed)))
     lost = sum(not point.won for point in points)
     summary = {
         "network": options.network.name,

@@ -1,7 +1,7 @@
 """Trains and evaluates policies for the experiments, by `python -m learner` as users do.
 
 `train` starts or resumes a run with given flags; `evaluate` and `headline` play whole games.
-`summary_of_all`, `scores_of` and `settings_of` read the files of a run or a network.
+`summary_of_all` and `scores_of` read the files of a run.
 """
 
 import json
@@ -19,8 +19,6 @@ from common.command_line.parser import WeightsFile
 from common.errors import InputError
 from common.run.epochs import EpochPhase, EpochRow
 from common.run.folder import RunFolder
-from common.run.origin import origin_of
-from common.settings.config import RunConfig
 from learner.evaluation.options import EPSILON, GAMES
 
 _MAX_OVER = 2_000
@@ -139,15 +137,3 @@ def headline(network: Path) -> list[dict[str, Any]]:
     flags = ["--headline"]
     found: list[dict[str, Any]] = evaluate(network, GAMES, None, flags, quiet=True)["rows"]
     return found
-
-
-def settings_of(network: Path) -> RunConfig:
-    """Returns the settings of a network's training.
-
-    Raises:
-        InputError: they are unknown.
-    """
-    trained = origin_of(network)
-    if trained is None:
-        raise InputError(f"{network} has neither a card nor a run's folder beside it: add one.")
-    return trained

@@ -29,7 +29,7 @@ from common.settings.ranges import all_ranges
 from common.settings.stored_config import differences, flat
 
 
-def settings_of(network: Path | None, env: str = RunConfig.env) -> RunConfig:
+def playing_settings(network: Path | None, env: str = RunConfig.env) -> RunConfig:
     """Returns the settings under which ``network`` plays unless flags say otherwise: those of its
     run. Without a run or a card, they are those of the environment ``env``, with all 18 actions.
     Raises InputError if the settings in the run or the card cannot be read."""
@@ -73,8 +73,8 @@ class Played:
 
         Raises InputError if the flags cannot work, or if the network does not fit them.
         """
-        usual = settings_of(self.network, self.env)
-        given = {name: getattr(self, name) for name in _settings_of(type(self))}
+        usual = playing_settings(self.network, self.env)
+        given = {name: getattr(self, name) for name in _config_fields(type(self))}
         config = replace(usual, **given)
         with naming_flags():
             check_play(config)
@@ -100,7 +100,7 @@ class Played:
 P = TypeVar("P", bound=Played)
 
 
-def _settings_of(kind: type[Played]) -> list[str]:
+def _config_fields(kind: type[Played]) -> list[str]:
     """Returns the fields of a `RunConfig` that a command has flags for."""
     return [each.name for each in fields(kind) if each.name in vars(RunConfig())]
 
@@ -111,16 +111,16 @@ def parse_played(kind: type[P], program: str, arguments: Sequence[str]) -> P:
 
     If the command can draw conditions, `ALL_RANGES` sets the default of every range.
     """
-    arguments = with_file(arguments, _settings_of(kind))
-    drawn = "randomise" in _settings_of(kind) and ALL_RANGES in arguments
+    arguments = with_file(arguments, _config_fields(kind))
+    drawn = "randomise" in _config_fields(kind) and ALL_RANGES in arguments
     if drawn:
         arguments = [argument for argument in arguments if argument != ALL_RANGES]
     known, _ = read_first(arguments, {"env": ["--env"]})
-    usual = settings_of(None, known.get("env", RunConfig.env))
+    usual = playing_settings(None, known.get("env", RunConfig.env))
     flags = [argument for argument in arguments if argument not in HELP]
     try:
         command = _parse(kind, program, flags, usual)
-        trained = settings_of(command.network, command.env)
+        trained = playing_settings(command.network, command.env)
     except InputError:
         if flags == arguments:
             raise
@@ -135,5 +135,5 @@ def parse_played(kind: type[P], program: str, arguments: Sequence[str]) -> P:
 def _parse(kind: type[P], program: str, arguments: Sequence[str], config: RunConfig) -> P:
     usually, usual = defaults_of(kind), kind.usual(config)
     needed = {each.name: tyro.MISSING for each in fields(kind) if each.name not in usually}
-    defaults = {name: getattr(usual, name) for name in _settings_of(kind)}
+    defaults = {name: getattr(usual, name) for name in _config_fields(kind)}
     return parse(kind, program, arguments, own_help(arguments), **needed, **defaults)

@@ -158,7 +158,7 @@ def _folder() -> Path:
     caches = Path(os.environ.get("XDG_CACHE_HOME", ""))
     folder = (caches if caches.is_absolute() else Path.home() / ".cache") / "ale-robot"
     if not folder.is_absolute():
-        raise NativeUnavailableError("HOME is not a whole path")
+        raise NativeUnavailableError("HOME is not an absolute path")
     folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     _check_own(folder)
     for left in folder.glob(f"{_TEMPORARY}*"):

@@ -35,9 +35,9 @@ def kept_networks(snapshots: Path) -> dict[int, Path]:
 
 RUNS = Path("runs")
 """Folder of the runs that go by their names."""
-_CONFIG = "config.json"
-CHECKPOINT = "checkpoint.safetensors"
-"""Name of the file, in a run's folder, that has the learner's whole state."""
+CONFIG, SUMMARY, EPOCHS = "config.json", "summary.json", "epochs.csv"
+INITIAL, CHECKPOINT = "initial.safetensors", "checkpoint.safetensors"
+"""Names of files in a run's folder; `RunFolder` says what they hold."""
 JOURNAL = "journal.jsonl"
 """Name of the file, in a replay's folder, that records what was accepted and evicted."""
 MAX_LISTED = 12
@@ -53,9 +53,9 @@ class RunFolder:
     def __init__(self, runs: Path, name: str) -> None:
         self.name = check_name("run", name)
         self.path = path = runs / name
-        self.config_file = path / _CONFIG
+        self.config_file = path / CONFIG
         """The `RunConfig`, written once."""
-        self.initial = path / "initial.safetensors"
+        self.initial = path / INITIAL
         """The weights with which the run began, if they were given."""
         self.demonstrations = path / "demonstrations.json"
         """The recording with which its replay began, if there was one."""
@@ -67,9 +67,9 @@ class RunFolder:
         """The states on which the mean max-Q is measured."""
         self.snapshots = path / "snapshots"
         """The weights of epochs that are being tested, and the best so far."""
-        self.epochs = path / "epochs.csv"
+        self.epochs = path / EPOCHS
         self.gates = path / "gates.csv"
-        self.summary = path / "summary.json"
+        self.summary = path / SUMMARY
         self.newest_learner = path / "learner.json"
         """What the newest learner says of itself (`common.run.newest_learner`)."""
         self.tensorboard = path / "tensorboard"
@@ -93,7 +93,7 @@ class RunFolder:
         """Returns the run whose folder is ``path``; None if it is not the folder of a run."""
         if path.name in ("", ".."):  # as ".", in the folder itself
             path = path.resolve()
-        return cls(path.parent, path.name) if (path / _CONFIG).is_file() else None
+        return cls(path.parent, path.name) if (path / CONFIG).is_file() else None
 
     @classmethod
     def named(cls, path: Path) -> Self | None:
@@ -122,7 +122,7 @@ class RunFolder:
         """Returns the runs in the folder ``runs``, by name; what cannot be a run's is passed
         over."""
         found = []
-        for file in sorted(runs.glob(f"*/{_CONFIG}")):
+        for file in sorted(runs.glob(f"*/{CONFIG}")):
             with suppress(InputError):
                 found.append(cls(runs, file.parent.name))
         return found
@@ -149,7 +149,7 @@ class RunFolder:
         """
         stored = self.stored_config()
         if resume and stored is None:
-            runs = [path.parent.name for path in self.path.parent.glob(f"*/{_CONFIG}")]
+            runs = [path.parent.name for path in self.path.parent.glob(f"*/{CONFIG}")]
             hint = choice(self.name, runs, "start it without --resume.")
             raise InputError(f"there is no run in {self.path} to resume: {hint}")
         if not resume and self._has_started(part):
@@ -233,8 +233,9 @@ class RunFolder:
             }
             if failed and {*self._locks} == {*get_args(Part)}:
                 at_first |= {self.replay, self.gates, self.tensorboard}
-            if self._made and at_first.issuperset(self.path.iterdir()):
-                shutil.rmtree(self.path)
+            with suppress(FileNotFoundError):  # somebody may have removed it meanwhile
+                if self._made and at_first.issuperset(self.path.iterdir()):
+                    shutil.rmtree(self.path)
 
     def _has_started(self, part: Part) -> bool:
         checkpoints = (self.checkpoint, self.previous)

@@ -51,7 +51,7 @@ def load_network_file(network: nn.Module, file: Path, what: str) -> None:
         raise not_a_network(file, error) from None
     except MessageError as error:
         raise InputError(
-            f"{file} does not fit {what} ({error}): put its card beside it, if it has one "
-            f"({file.stem}.json), or choose what it was trained with by --env, --game, "
-            "--play.minimal-actions, --play.vector and --learning.algorithm."
+            f"{file} does not fit {what} ({error}): choose what it was trained with by --env, "
+            "--game, --play.minimal-actions, --play.vector and --learning.algorithm, or put the "
+            f"card of an older file, {file.stem}.json, beside it."
         ) from None

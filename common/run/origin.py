@@ -110,6 +110,17 @@ def origin_of(weights: Path) -> RunConfig | None:
     return run.stored_config() if run else None
 
 
+def trained_settings(weights: Path) -> RunConfig:
+    """Returns the settings of a network's training. Raises InputError as `origin_of` does, and if
+    they are not found."""
+    if (found := origin_of(weights)) is None:
+        raise InputError(
+            f"the settings of the training of {weights} are unknown: keep it in its run's folder, "
+            f"or beside its card, {weights.with_suffix('.json').name}."
+        )
+    return found
+
+
 def _metadata(weights: Path) -> dict[str, str]:
     """Returns the metadata of the file ``weights``; empty if it cannot be read, which loading it
     will show."""

@@ -13,7 +13,7 @@ from typing import Annotated, Literal
 from annotated_types import Ge, Le, Lt
 
 from common.checked import Amount, Count, Fraction, FromOne, LongText, Score
-from common.pinned_file import pin
+from common.pinned_file import path_of, pin
 from common.registry import ENVIRONMENTS, Entry
 from common.settings.conditions import CameraConfig, PlayConfig
 from common.settings.own_settings import EXTENSIONS, in_full
@@ -226,6 +226,13 @@ class RunConfig:
             return self.env
         usual = self.play.robot == PlayConfig.robot or not ENVIRONMENTS.find(self.env).robot
         return f"{self.task} ({self.env if usual else Path(self.play.robot).name})"
+
+    @property
+    def hands(self) -> str | None:
+        """Whose hands press the keys: the robot's name, or the path of a latency model; None where
+        keys change as commanded."""
+        played = ENVIRONMENTS.find(self.env).robot or self.play.latency_model
+        return str(path_of(self.play.robot)) if played else None
 
     @property
     def samples_per_insert(self) -> float:

@@ -150,7 +150,7 @@ class Credentials:
             ended = x509.load_pem_x509_certificate(path.read_bytes()).not_valid_after_utc
             if ended < datetime.now(UTC):
                 text = (
-                    "%s is out of date since %s, so nobody accepts it: make a new one with "
+                    "%s expired at %s, so nobody accepts it: make a new one with "
                     "deploy/certificates.sh, and replace the file"
                 )
                 _log.warning(text, path, ended.strftime("%Y-%m-%d %H:%M UTC"))

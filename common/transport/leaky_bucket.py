@@ -6,7 +6,7 @@ from common.schedule import Now
 from common.transport.access_control import MAX_SESSIONS
 
 ACTOR_QUOTA = 10_000
-"""Agent steps per second that are accepted from one actor, the default of ``--actor-quota``: three
+"""Agent steps per second that are accepted from one actor, the default of ``--actor-quota``: four
 times as many as an ALE-Only actor makes on one core."""
 REPORTS_PER_SECOND = 2_000
 """Reports that are accepted from one evaluator. Catch, the shortest game, ends after six steps, and

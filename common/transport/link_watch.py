@@ -20,8 +20,8 @@ FIRST_PATIENCE = 20.0
 """Seconds of silence, before their spread, after which a connection is first closed."""
 _LONGEST_PATIENCE = 600.0
 _RECENT = 10.0
-"""Seconds after its last request in which a client still counts as one that asks. Requests wait for
-up to 5 s."""
+"""Seconds after its last request in which a client still counts as one that asks. Most requests
+wait for 5 s; those that wait for longer never end a connection by themselves."""
 _log = logging.getLogger(__name__)
 
 

@@ -15,7 +15,7 @@ from matplotlib.ticker import MaxNLocator
 
 from common.errors import InputError, cannot_read
 from common.run.epochs import EpochRow, EpochTable
-from common.run.folder import RunFolder
+from common.run.folder import CONFIG, EPOCHS, INITIAL, SUMMARY, RunFolder
 from learner.figures.plot_style import (
     Points,
     Series,
@@ -90,7 +90,7 @@ def read_groups(paths: Sequence[Path], phase: Phase = "test") -> list[Group]:
 
 
 def _read(path: Path, phase: Phase) -> Run:
-    table = path / "epochs.csv" if path.is_dir() else path
+    table = path / EPOCHS if path.is_dir() else path
     if not table.exists() and RunFolder.at(path) is None:
         raise InputError(f"{path} holds no run: name a run's folder or a results file.")
     rows = EpochTable(table).rows()
@@ -119,12 +119,12 @@ def _how_far(path: Path) -> str:
 
 
 def _settings(folder: Path) -> str | None:
-    config = _json(folder / "config.json")
+    config = _json(folder / CONFIG)
     if config is None:
         return None
     config.pop("seed", None)
-    summary = _json(folder / "summary.json") or {}
-    given = (folder / "initial.safetensors").exists()
+    summary = _json(folder / SUMMARY) or {}
+    given = (folder / INITIAL).exists()
     return json.dumps([config, given, *(summary.get(name) for name in _MODE)], sort_keys=True)
 
 

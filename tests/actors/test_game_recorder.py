@@ -9,23 +9,30 @@ import pytest
 from numpy.typing import NDArray
 
 from actors.envs import make_env
+from actors.envs.step_info import StepInfo
 from actors.game_recorder import GameRecorder
 from common.settings.clock import ClockConfig
 from common.settings.presets import PRESETS
 
 
 class ScriptedGame(gymnasium.Env[Any, Any]):
-    """Its newest frame shows at each agent step the next number of the game's script."""
+    """Its newest frame shows at each agent step the next number of the script. Each script is an
+    episode, and at its end the game is over, unless more of its ``lives`` are left."""
 
-    def __init__(self, *games: list[int]) -> None:
-        self._games = iter(games)
+    def __init__(self, *scripts: list[int], lives: int = 1) -> None:
+        self._scripts = iter(scripts)
+        self._lives = lives
+        self._lost = 0
 
     def reset(self, **how: Any) -> tuple[Any, dict[str, Any]]:
-        self._script = iter(next(self._games))
+        self._script = [*next(self._scripts)]
         return self._state(200), {}
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-        return self._state(next(self._script)), 0.0, False, False, {}
+        state, ended = self._state(self._script.pop(0)), not self._script
+        self._lost += ended
+        over = ended and self._lost % self._lives == 0
+        return state, 0.0, ended, False, StepInfo(over, 0.0, 1)._asdict()
 
     def _state(self, number: int) -> Any:
         frames = np.zeros((4, 84, 84), np.uint8)
@@ -85,6 +92,21 @@ def test_a_game_lasts_from_its_reset_to_its_last_step() -> None:
         for _ in range(steps):
             recorder.step(0)
         assert recorder.seconds == seconds
+
+
+def test_a_game_of_several_episodes_is_one_game() -> None:
+    whole = hashes(ScriptedConsole([1, 2, 3, 4], [1, 2, 3, 5]), 3, 4, 4)
+    times = iter([10.0, 11.0, 12.0, 20.0, 21.5, 30.0, 31.0, 32.0, 33.0, 34.0])
+    game = ScriptedConsole([1, 2], [3, 4], [1, 2], [3, 5], lives=2)
+    recorder, found = GameRecorder(game, 3, now=lambda: next(times)), []
+    for seconds in (11.5, 4.0):
+        for _ in range(2):
+            recorder.reset()
+            recorder.step(0)
+            recorder.step(0)
+        found.append((recorder.game_hash, recorder.ending_hash))
+        assert recorder.seconds == seconds
+    assert found == whole
 
 
 @pytest.mark.parametrize("sync", [True, False])

@@ -239,7 +239,7 @@ def test_what_is_no_policy_is_told(tmp_path: Path) -> None:
         ale_robot.load_policy("nobody")
     alone = tmp_path / "alone.safetensors"
     alone.write_bytes((ROOT / "policies" / "ale_pong.safetensors").read_bytes())
-    with pytest.raises(InputError, match="neither a card nor a run"):
+    with pytest.raises(InputError, match=r"settings of the training of .* are unknown"):
         ale_robot.evaluate(alone)
     with pytest.raises(AttributeError, match="nothing"):
         _ = ale_robot.nothing

@@ -5,7 +5,7 @@ import math
 import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
-from common.exposition import families, metrics_page, name_of
+from common.exposition import exposed_name, families, metrics_page
 from common.metrics import METRICS, Value
 
 
@@ -33,18 +33,18 @@ def page(values: dict[str, Value]) -> dict[str, tuple[str, str, dict[str, float]
     ],
 )
 def test_names_follow_the_conventions(key: str, name: str) -> None:
-    assert name_of(METRICS[key]) == name
+    assert exposed_name(METRICS[key]) == name
 
 
 def test_no_two_figures_have_one_name() -> None:
-    assert len({name_of(metric) for metric in METRICS.values()}) == len(METRICS)
+    assert len({exposed_name(metric) for metric in METRICS.values()}) == len(METRICS)
 
 
 def test_every_figure_of_the_table_is_there_with_its_help_and_unit() -> None:
     found = page({})
     for metric in METRICS.values():
         if metric.form != "text":
-            kind, help_text, _ = found[name_of(metric).removesuffix("_total")]
+            kind, help_text, _ = found[exposed_name(metric).removesuffix("_total")]
             assert kind == ("counter" if metric.counter else "gauge")
             unit = {"milliseconds": " (seconds)", "none": ""}.get(metric.unit, f" ({metric.unit})")
             assert help_text == metric.meaning + unit

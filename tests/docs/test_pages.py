@@ -11,6 +11,7 @@ from typing import get_args
 import pytest
 
 from common.metrics import METRICS, Values
+from common.minus import minus_signed
 from common.run.epochs import EpochPhase, EpochRow
 from common.settings.config import RunConfig
 from docs import metrics, settings
@@ -87,7 +88,10 @@ def test_every_published_policy_is_told_and_counted() -> None:
 @pytest.mark.parametrize("policy", [card.stem for card in CARDS if "pong" in card.stem])
 def test_scores_of_pong_policies_are_those_of_their_cards(policy: str) -> None:
     card = json.loads((ROOT / "policies" / f"{policy}.json").read_text(encoding="utf-8"))
-    scores = [f"{row['mean']:.2f} ± {row['deviation']:.2f}" for row in card["evaluation"]["rows"]]
+    scores = [
+        minus_signed("{mean:.2f} ± {deviation:.2f}".format(**row))
+        for row in card["evaluation"]["rows"]
+    ]
     page = (ROOT / "docs" / "results.md").read_text(encoding="utf-8")
     rows = page[page.index("## The published policies") :].splitlines()
     first = next(n for n, row in enumerate(rows) if row.startswith(f"| `{policy}`"))

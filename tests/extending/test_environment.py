@@ -16,6 +16,7 @@ from actors.envs import make_env
 from actors.envs.checked import CheckedEnv
 from actors.envs.step_info import StepInfo
 from actors.loop import play
+from actors.options import ActorOptions
 from actors.policy import Policy
 from common.errors import InputError
 from common.network import QNetwork
@@ -389,6 +390,14 @@ def test_an_environment_has_settings_of_its_own(tmp_path: Path) -> None:
         assert config.action_count == 7
         summary, _ = learned(config, tmp_path, steps=240)
     assert summary["updates"] > 0
+
+
+def test_an_actor_that_asks_for_an_atari_game_does_not_join_it() -> None:
+    config = replace(PRESETS["fast"], env="lamps")
+    with added(ENVIRONMENTS, LAMPS):
+        ActorOptions(env="lamps", game="lamps").check_against(config)
+        with pytest.raises(InputError, match="plays lamps, not pong: omit --game"):
+            ActorOptions(game=config.game).check_against(config)
 
 
 def test_settings_of_its_own_are_checked_with_the_others() -> None:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from benchmarks.entry_point import add_entry_point
-from common.command_line.played import settings_of
+from common.command_line.played import playing_settings
 from common.errors import InputError
 from common.network import build_network
 from common.registry import SAMPLERS, SamplerKind
@@ -51,7 +51,7 @@ def test_actors_join_and_its_policy_plays_without_its_package(tmp_path: Path) ->
     assert Announcement.decode(told.encode()) == told
     weights = tmp_path / "w.safetensors"
     weights.write_bytes(encode_network_file(build_network(config, config.action_count), config))
-    assert settings_of(weights) == config.for_play
+    assert playing_settings(weights) == config.for_play
 
 
 def _drawing(draw: Callable[..., Any]) -> SamplerKind:

@@ -218,6 +218,16 @@ def test_an_actor_joins_only_the_run_that_is_asked_for() -> None:
                     options.check_against(run)
 
 
+def test_an_actor_does_not_join_a_run_without_the_robot_or_the_game_that_is_asked_for() -> None:
+    robot = parse(ActorOptions, "actors", ["--robot", "nao"])
+    with pytest.raises(InputError, match=r"plays pong \(ale\), without a robot, not nao: omit"):
+        robot.check_against(PRESETS["fast"])
+    hands = replace(PRESETS["fast"], play=replace(PRESETS["fast"].play, robot="hand.npz"))
+    parse(ActorOptions, "actors", ["--robot", "./hand.npz"]).check_against(hands)
+    with pytest.raises(InputError, match=r"plays hand\.npz, not nao: omit --robot"):
+        robot.check_against(hands)
+
+
 def evaluation(*arguments: str) -> RunConfig:
     command = parse_played(Evaluation, "learner.evaluation", arguments)
     command.check()

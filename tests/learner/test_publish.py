@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 import torch
 
-from common.command_line.played import settings_of
+from common.command_line.played import playing_settings
 from common.errors import InputError
 from common.exit_codes import INTERRUPTED
 from common.network import build_network
@@ -80,7 +80,7 @@ def test_a_policy_plays_from_its_two_files_alone(
     for row in evaluation["rows"]:
         assert row["games"] == len(row["scores"]) == 2
         assert row["steps_of_games"] == [100, 100]  # 400 frames, as the run's games
-    assert settings_of(weights) == CONFIG.for_play
+    assert playing_settings(weights) == CONFIG.for_play
     player = ShownPolicy.of_file(CONFIG, weights, 0.0, 1)
     torch.manual_seed(0)
     frames = torch.randint(256, (4, 4, 84, 84), dtype=torch.uint8)
@@ -226,7 +226,7 @@ def test_a_policy_that_was_not_evaluated_to_the_end_is_told(tmp_path: Path) -> N
 def test_a_card_that_cannot_be_read_is_told(card: str, tmp_path: Path) -> None:
     (tmp_path / "policy.json").write_text(card)
     with pytest.raises(InputError, match=r"policy\.json is not JSON"):
-        settings_of(tmp_path / "policy.safetensors")
+        playing_settings(tmp_path / "policy.safetensors")
 
 
 def test_a_card_without_games_is_refused_before_anything_is_written(

@@ -38,7 +38,7 @@ def stepped(state: np.ndarray, action: int = 4) -> Step:
     return Step(0, False, state, True, action, False, 0.0, False, False, state, info)
 
 
-def count(picture: np.ndarray, colour: overlay.Colour) -> int:
+def count(picture: np.ndarray, colour: overlay.Pixel) -> int:
     """Pixels of nearly that colour: thin letters are nowhere wholly of theirs."""
     return int((np.abs(picture.astype(int) - colour) < 60).all(axis=2).sum())
 

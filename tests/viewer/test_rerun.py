@@ -19,7 +19,7 @@ from actors.robots.room.engine import joints_of
 from actors.robots.room.furniture import PICTURE_CORNERS
 from actors.vision.layout import BORDER
 from common.actions import Keys
-from common.command_line.played import settings_of
+from common.command_line.played import playing_settings
 from common.errors import InputError
 from common.registry import ENVIRONMENTS, ROBOTS
 from common.run.origin import find_weights
@@ -39,7 +39,7 @@ STEPS = 54
 @pytest.fixture
 def emulator() -> Any:
     """The cheapest environment."""
-    with closing(make_env(settings_of(None, "ale"), training=False)) as env:
+    with closing(make_env(playing_settings(None, "ale"), training=False)) as env:
         yield env
 
 
@@ -49,7 +49,7 @@ def game(tmp_path_factory: pytest.TempPathFactory) -> SimpleNamespace:
     pytest.importorskip("rerun", reason="needs pip install 'ale-robot[viz]'")
     path = tmp_path_factory.mktemp("rerun") / "new" / "game.rrd"
     weights = find_weights("robot_pong")
-    config = settings_of(weights)
+    config = playing_settings(weights)
     policy = ShownPolicy.of_file(config, weights, 0.999, 3)  # soon a point is lost
     truth = []
     with closing(make_env(config, training=False)) as env:
@@ -215,7 +215,7 @@ def test_a_robot_without_a_room_has_pictures_and_figures(tmp_path: Path) -> None
 
 def test_an_emulator_alone_has_no_keys(tmp_path: Path, emulator: Any) -> None:
     pytest.importorskip("rerun", reason="needs pip install 'ale-robot[viz]'")
-    config = settings_of(None, "ale")
+    config = playing_settings(None, "ale")
     policy = ShownPolicy.of_file(config, None, 1.0, 0)
     stream = RerunStream(emulator, live=False, save=tmp_path / "a.rrd")
     with closing(stream):

@@ -11,13 +11,13 @@ from actors.robots.nao.controller import Controller
 from actors.robots.nao.posture import HIP_HEIGHT, TORSO_ORIGIN
 from actors.robots.room.camera import Mount
 from actors.robots.room.engine import angles_of, fixed_body
-from actors.robots.room.furniture import DESK_TOP, METAL, Box, Colour
+from actors.robots.room.furniture import DESK_TOP, METAL, Box, Rgba
 from actors.robots.room.room import Room
 from actors.robots.room.viewpoint import VISITOR, Viewpoint
 
 _, _POSTURE, _NECK = place_in_piece("head")
 
-_BLUE: Colour = (0.20, 0.38, 0.52, 1.0)
+_BLUE: Rgba = (0.20, 0.38, 0.52, 1.0)
 _SEAT = HIP_HEIGHT - 0.037
 _LEG = _SEAT - 0.024
 

@@ -9,14 +9,14 @@ from numpy.typing import NDArray
 
 from actors.robots.room.rotation import Vector, about
 
-Colour = tuple[float, float, float, float]
+Rgba = tuple[float, float, float, float]
 
-_FLOOR: Colour = (0.62, 0.52, 0.42, 1.0)
-_WALL: Colour = (0.84, 0.87, 0.90, 1.0)
-_SCREEN: Colour = (0.98, 0.98, 0.98, 1.0)
-_WOOD: Colour = (0.72, 0.56, 0.38, 1.0)
-METAL: Colour = (0.34, 0.36, 0.40, 1.0)
-_GLASS: Colour = (0.65, 0.85, 1.0, 1.0)
+_FLOOR: Rgba = (0.62, 0.52, 0.42, 1.0)
+_WALL: Rgba = (0.84, 0.87, 0.90, 1.0)
+_SCREEN: Rgba = (0.98, 0.98, 0.98, 1.0)
+_WOOD: Rgba = (0.72, 0.56, 0.38, 1.0)
+METAL: Rgba = (0.34, 0.36, 0.40, 1.0)
+_GLASS: Rgba = (0.65, 0.85, 1.0, 1.0)
 
 DESK_TOP = 0.204
 """Height of the desk, m, just over NAO's thighs."""
@@ -42,7 +42,7 @@ PICTURE_CORNERS: NDArray[np.float64] = np.array(
 from the robot's view."""
 
 
-Box = tuple[Vector, Vector, Colour]
+Box = tuple[Vector, Vector, Rgba]
 """Centre, edge lengths, colour."""
 
 

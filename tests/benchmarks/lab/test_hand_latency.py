@@ -8,7 +8,7 @@ import pytest
 
 from benchmarks import report
 from benchmarks.lab import hand_latency
-from benchmarks.lab.hand_latency import COLUMNS, Options, hand_flags, measure, name_of
+from benchmarks.lab.hand_latency import COLUMNS, Options, hand_flags, measure, run_or_policy
 from common.errors import InputError
 from tests.paths import ROOT
 
@@ -67,11 +67,12 @@ def test_a_robots_keys_are_those_of_a_modelled_hand() -> None:
 
 def test_networks_in_runs_have_the_runs_name(tmp_path: Path) -> None:
     network = tmp_path / "run" / "checkpoint.safetensors"
-    assert name_of(network) == "checkpoint"
+    assert run_or_policy(network) == "checkpoint"
     network.parent.mkdir()
     network.with_name("config.json").touch()
-    assert name_of(network) == name_of(network.parent / "snapshots/best.safetensors") == "run"
-    assert name_of(ALE) == "ale_pong"
+    for file in (network, network.parent / "snapshots" / "best.safetensors"):
+        assert run_or_policy(file) == "run"
+    assert run_or_policy(ALE) == "ale_pong"
 
 
 def test_what_cannot_be_played_is_refused(tmp_path: Path) -> None:
@@ -82,5 +83,5 @@ def test_what_cannot_be_played_is_refused(tmp_path: Path) -> None:
     ):
         with pytest.raises(InputError, match=words):
             run(*arguments)
-    with pytest.raises(InputError, match="neither a card nor a run's folder"):
+    with pytest.raises(InputError, match=r"settings of the training of .* are unknown"):
         hand_flags(tmp_path / "weights.safetensors", 0)

@@ -53,5 +53,5 @@ def test_what_cannot_be_loaded_is_told_with_what_to_do(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="holds no network"):
         load_network_file(network, file, "this game")
     file.write_bytes(encode_network_file(build_network(CONFIG, 4), CONFIG))
-    with pytest.raises(InputError, match=r"does not fit this game .* put its card beside it"):
+    with pytest.raises(InputError, match=r"does not fit this game .* choose what it was"):
         load_network_file(network, file, "this game")

@@ -628,7 +628,7 @@ def test_a_certificate_that_is_out_of_date_is_told(
     (folder / "actor.pem").write_bytes(expired(folder / "actor.pem", folder / "ca-key.pem"))
     check_certificates("tls/127.0.0.1:7447", folder, "actor")
     (told,) = caplog.messages
-    assert told.startswith(f"{folder}/actor.pem is out of date since 2")
+    assert told.startswith(f"{folder}/actor.pem expired at 2")
 
 
 @pytest.mark.parametrize("days", ["0", "-1", "a year", "07", "3651", "999999999"])

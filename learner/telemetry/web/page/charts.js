@@ -9,15 +9,19 @@ export function written(value, form) {
   return value === null || value === undefined ? "–" : minus(digits(value, form));
 }
 
+// As learner/telemetry/formats.py writes a figure of that form elsewhere on the page.
 function digits(value, form) {
   if (form === "count" || form === "plain") return value.toLocaleString("en");
   if (form === "ms") return value.toFixed(0);
-  if (/^\.\d$/.test(form)) {
-    return value.toLocaleString("en", {minimumFractionDigits: +form[1], maximumFractionDigits: +form[1]});
-  }
+  if (/^\.\d$/.test(form)) return decimal(value, +form[1]);
   if (value === 0) return "0";
   const size = Math.abs(value);
-  return size >= 1e-4 && size < 1e6 ? String(+value.toPrecision(3)) : value.toExponential(1);
+  if (size < 1e-4 || size >= 1e6) return value.toExponential(1).replace(/([+-])(\d)$/, "$10$2");
+  return decimal(value, Math.max(3 - Math.floor(Math.log10(size)), 0));
+}
+
+function decimal(value, places) {
+  return value.toLocaleString("en", {minimumFractionDigits: places, maximumFractionDigits: places});
 }
 
 function draw(parent, name, attributes, text) {
