@@ -151,7 +151,7 @@ def test_summary_names_what_it_measured() -> None:
 def test_a_setting_tells_the_minibatches_that_it_has() -> None:
     assert str(Setting()) == "pong (ale), batches of 32, an update per 4 steps"
     assert str(Setting(env="robot", game="breakout", learner="--learning.batch-size 64")) == (
-        "breakout (robot), batches of 64, an update per 16 steps"
+        "breakout (robot), batches of 64, an update per 4 steps"
     )
 
 
