@@ -47,9 +47,7 @@ class QuantileLoss:
 
     def __call__(self, online: QNetwork, prepared: Prepared) -> Update:
         batch, (quantiles_t,) = prepared.batch, prepared.target_outputs
-        q_t = quantiles_t.mean(dim=2)
-        if self._double:
-            q_t = online_values(online, prepared)
+        q_t = online_values(online, prepared) if self._double else quantiles_t.mean(dim=2)
         targets = target_quantiles(batch.r_t, batch.discount_t, quantiles_t, q_t)
         quantiles_tm1 = online.atoms(prepared.pixels_tm1, batch.x_tm1)
         predicted = of_action(quantiles_tm1, batch.a_tm1)
