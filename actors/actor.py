@@ -14,6 +14,7 @@ from actors.stream.chunker import Chunker
 from actors.stream.heartbeat import Heartbeat
 from actors.stream.insert_client import InsertClient
 from actors.stream.live_views import LiveViews
+from common.counted import counted
 from common.protocol.ack import Ack
 from common.protocol.actor_stats import ActorStats
 
@@ -108,6 +109,9 @@ class Actor:
         self._inserts.flush(FAREWELL)
         if self._inserts.unacknowledged:
             self._member.warn(f"{self._inserts.unacknowledged} chunks were never acknowledged.")
+        elif steps := self._counters.stats.steps:
+            stored = "" if self._inserts.refused else ", all of them stored"
+            self._member.warn(f"left after {counted(steps, 'step')}{stored}.")
         self._heartbeat.close()
 
     def _stats(self, leaving: bool) -> ActorStats:

@@ -29,6 +29,7 @@ PROGRAMS: dict[str, tuple[str, ...]] = {
 """Programs by command: the module whose ``main`` is called, and the arguments that come before the
 user's."""
 MEANT = {
+    "publish": "`python -m learner.publish RUN` publishes a run's network, with a card.",
     "list": "`ale-robot policies` lists the policies, `ale-robot --help-all` the games.",
     "version": "`ale-robot --version` tells it.",
 }
@@ -167,7 +168,7 @@ Play yourself, through the robot's hands: arrow keys, space, q.
   ale-robot human --game breakout
   ale-robot human --robot robotroller
   ale-robot human --play.actuation-latency 12      with hands 200 ms later
-  ale-robot human --record FOLDER                  for `train --demonstrations`
+  ale-robot human --record FOLDER --play.minimal-actions   for demonstrations
 
   --game GAME          game to play, such as breakout
   --robot NAME         robot: nao or robotroller
@@ -179,7 +180,7 @@ Play yourself, through the robot's hands: arrow keys, space, q.
     "record": """\
 Record a network's games as a LeRobot dataset.
 
-  ale-robot record robot_pong -o FOLDER --minutes 10
+  ale-robot record robot_pong_pixels -o FOLDER --minutes 10
   ale-robot record ale_pong -o FOLDER --games 3
   ale-robot train --demonstrations FOLDER          start a run with them
 

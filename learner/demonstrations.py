@@ -36,7 +36,7 @@ from common.protocol.run_keys import DEMONSTRATIONS, RunKeys
 from common.regular_file import read_file
 from common.run.folder import RunFolder
 from common.settings.config import RunConfig
-from common.settings.fit import VECTOR_SETTINGS
+from common.settings.fit import VECTOR_PARTS, VECTOR_SETTINGS, as_flag
 from common.settings.stored_config import flat
 from common.transport.interface import Envelope, Transport
 from common.transport.requests import Window
@@ -127,18 +127,20 @@ class Demonstrations:
     def _refuse_others(self, path: Path) -> None:
         both = self._dataset.config, self._config
         recorded, wanted = (flat(each) | {"game": each.task} for each in both)
-        unequal = [
-            f"{name} {recorded[name]} instead of {wanted[name]}"
-            for name in _ALIKE
-            if recorded[name] != wanted[name]
-        ]
+        names = [name for name in _ALIKE if recorded[name] != wanted[name]]
+        if not recorded["play.vector"]:  # then its contents mean nothing
+            names = [name for name in names if name not in VECTOR_PARTS]
+        unequal = [f"{name} {recorded[name]} instead of {wanted[name]}" for name in names]
         widths = self._dataset.config.vector_width, self._config.vector_width
         if not unequal and widths[0] != widths[1]:
-            unequal = ["vectors of {} numbers instead of {}".format(*widths)]
+            names, unequal = ["play.robot"], ["vectors of {} numbers instead of {}".format(*widths)]
         if unequal:
+            if recorded["game"] != self._dataset.config.game or wanted["game"] != self._config.game:
+                names = ["env", *names]  # one of them has no Atari game
+            flags = " ".join(as_flag(name, self._dataset.config) for name in names)
             raise InputError(
-                f"the demonstrations in {path} have {', '.join(unequal)}: record others, or give "
-                "the run their settings."
+                f"the demonstrations in {path} have {', '.join(unequal)}: give the run {flags}, or "
+                "record others."
             )
 
     def _counted(self, path: Path) -> ActorStats:

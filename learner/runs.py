@@ -57,7 +57,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     given = sys.argv[1:] if arguments is None else arguments
     options = parse(RunsOptions, "learner.runs", given)
     options.check()
-    runs = RunFolder.all_in(options.runs)
+    place = options.runs
+    if not (runs := RunFolder.all_in(place)) and (runs := RunFolder.all_in(place / RUNS)):
+        place /= RUNS  # such as of a checkout
     if options.json:
         print(dumps([_told(run) for run in runs]))
         return
@@ -72,8 +74,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         table.add_row(*map(one_line, _row(run)))
     console = Console(highlight=False, markup=False, emoji=False)
     console.print(table)
-    place = "" if options.runs == RUNS else f"{options.runs}/"
-    console.print(f"One of them: ale-robot status {place}RUN", soft_wrap=True)
+    where = "" if place == RUNS else f"{place}/"
+    console.print(f"One of them: ale-robot status {where}RUN", soft_wrap=True)
 
 
 def _row(run: RunFolder) -> tuple[str, ...]:

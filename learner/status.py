@@ -259,6 +259,22 @@ def _asked(options: StatusOptions) -> Report:
         return ask(transport, keys, options.connect, patience)
 
 
+def _folder_of(options: StatusOptions) -> RunFolder | None:
+    """Returns the folder of the run that is asked for; None if it may be anywhere. Raises
+    InputError if there is no such run, or if several work here and none was named."""
+    if options.connect is not None:
+        return None
+    if options.target is not None:
+        return RunFolder.existing(options.target).resolved()
+    at_work = [run for run in RunFolder.all_in(RUNS) if run.is_at_work()]
+    if options.run is not None or not at_work:
+        return None
+    if len(at_work) > 1:
+        names = ", ".join(run.name for run in at_work[:MAX_LISTED])
+        raise InputError(f"several runs are at work here: name one of {names}.")
+    return at_work[0].resolved()
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Prints the status of a run; returns the exit code, which says whether the run is healthy."""
     given = sys.argv[1:] if arguments is None else arguments
@@ -266,9 +282,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if options.target is not None and options.run is not None:
         told = f"--run {options.run} names a run beside {options.target}: omit one of them."
         raise InputError(told)
-    # With an address the run may be anywhere.
-    here = options.target if options.connect is None else None
-    folder = None if here is None else RunFolder.existing(here).resolved()
+    folder = _folder_of(options)
     if folder is not None and not folder.is_at_work():
         return _show_ended(FolderReport.of(folder), as_json=options.json)
     placed = _placed(options, folder)

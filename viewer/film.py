@@ -74,7 +74,9 @@ class Film(Played):
             newest = chapters_of(run)[-1].weights
             assert newest is not None
             return newest
-        return find_weights(self.shown) if self.shown else shown_weights(self.env, self.game)
+        if self.shown:
+            return find_weights(self.shown)
+        return shown_weights(self.env, self.game, self.play.robot)
 
     def check(self) -> None:
         if (run := self._run) is None:

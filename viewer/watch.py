@@ -74,7 +74,7 @@ class Watch(Played):
 
     @property
     def network(self) -> Path | None:
-        return self.weights or shown_weights(self.env, self.game)
+        return self.weights or shown_weights(self.env, self.game, self.play.robot)
 
     def check(self) -> None:
         self.config()
@@ -167,7 +167,7 @@ class WatchScreen:
             text += f"\x1b[{number};{beside + 1}H{_PLAIN}{line}{_PLAIN}\x1b[K"
         games = f"{counted(len(scores), 'game')} over"
         last = f"q leaves; {self._name} plays {self._title}, {games}{self._changes}"
-        return f"{text}\x1b[{rows};1H{_PLAIN}{_DIM}{last[: columns - 1]}{_PLAIN}\x1b[K\x1b[0m"
+        return f"{text}\x1b[{rows};1H{_PLAIN}{_DIM}{_cut(last, columns - 1)}{_PLAIN}\x1b[K\x1b[0m"
 
     def _seen(self, size: tuple[int, int]) -> NDArray[np.uint8]:
         """Returns the camera's picture with the detected screen; without a robot, the
@@ -237,6 +237,11 @@ def _beside_score(step: Step, scores: Sequence[float], width: int) -> str:
     for choices in ([f"   step {step.info.game_steps}"], before):
         told += next((each for each in choices if len(told + each) <= width), "")
     return told
+
+
+def _cut(text: str, columns: int) -> str:
+    """Returns ``text`` in at most so many columns."""
+    return text if len(text) <= columns else f"{text[: columns - 1]}…"
 
 
 def _fitting(columns: int, pixel_rows: int) -> tuple[int, int]:

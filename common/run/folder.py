@@ -161,9 +161,11 @@ class RunFolder:
         bound = resume or self.checkpoint.exists() or self.replay.exists() or self.is_at_work()
         if bound and stored is not None and (unequal := differences(stored, config)):
             another = f" --initial {self.path}" if self.checkpoint.exists() else ""
+            # Without --resume, they may also be those of a preset that nobody named.
+            take = "omit those flags" if resume else f"take them by --config {self.config_file}"
             raise InputError(
-                f"the run in {self.path} keeps its settings ({'; '.join(unequal[:5])}): omit those "
-                f"flags, or begin another run with them: --run ANOTHER{another}, without --resume."
+                f"the run in {self.path} keeps its settings ({'; '.join(unequal[:5])}): {take}, or "
+                f"begin another run with other ones: --run ANOTHER{another}, without --resume."
             )
         return stored
 

@@ -9,6 +9,7 @@ from safetensors import SafetensorError, safe_open
 
 from common.errors import InputError, choice
 from common.run.folder import RunFolder
+from common.settings.conditions import PlayConfig
 from common.settings.config import RunConfig
 from common.settings.stored_config import from_mapping, to_json
 
@@ -17,6 +18,8 @@ SHIPPED = Path(__file__).resolve().parents[2] / "ale_robot" / "policies"
 SHOWN = {"robot_pong": "robot_pong_sticky", "ale_pong": "ale_pong_sticky"}
 """By environment and game, the published policy that plays if none is named, where there are
 several: the best under sticky actions."""
+_BY_OTHER_HANDS = {"robot_pong": "robot_pong_robust"}
+"""The same for a robot whose hands it need not have learned with."""
 
 
 def find_weights(name: str | Path) -> Path:
@@ -61,6 +64,10 @@ def _in_full(path: Path) -> Path | None:
 def _what_there_is(missing: Path) -> str:
     """Returns the end of a sentence that refuses ``missing``, with the networks that exist."""
     run = run_of(missing)
+    if run is not None and missing.parent.is_dir():
+        there = [file.name for file in missing.parent.glob("*.safetensors")]
+        if meant := choice(missing.name, there, ""):
+            return meant
     if run is not None and run.checkpoint.is_file():
         return f"name {run.path} for its newest network; the best is there once a test has ended."
     published = sorted(file.stem for file in SHIPPED.glob("*.safetensors"))
@@ -75,11 +82,13 @@ def name_of(weights: Path) -> str:
     return weights.stem if weights.parent == SHIPPED else str(weights)
 
 
-def shown_weights(env: str, game: str) -> Path | None:
-    """Returns the network that plays the ``game`` in the environment ``env`` if no network is
-    named; None if none is published."""
-    name = f"{env}_{game}"
-    file = SHIPPED / f"{SHOWN.get(name, name)}.safetensors"
+def shown_weights(env: str, game: str, robot: str = PlayConfig.robot) -> Path | None:
+    """Returns the network that plays the ``game`` in the environment ``env`` by the ``robot`` if no
+    network is named; None if none is published."""
+    name, shown = f"{env}_{game}", SHOWN
+    if env == "robot" and robot != PlayConfig.robot:
+        shown = _BY_OTHER_HANDS
+    file = SHIPPED / f"{shown.get(name, name)}.safetensors"
     return file if file.is_file() else None
 
 

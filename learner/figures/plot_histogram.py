@@ -35,13 +35,15 @@ class Evaluation(NamedTuple):
 
 
 def read_evaluations(path: Path) -> list[Evaluation]:
-    """Returns the evaluations in the JSON at ``path``: one, or those of a headline.
+    """Returns the evaluations in the JSON at ``path``, or in a policy's card: one, or those of a
+    headline.
 
     Raises:
         InputError: the file holds no evaluation.
     """
     try:
         found = json.loads(path.read_bytes())
+        found = found.get("evaluation", found)  # a policy's card has it
         evaluations = [
             _evaluation(f"{path.stem}, ε = {row['epsilon']:g}, sticky {row['sticky']:g}", row)
             for row in found.get("rows", ())

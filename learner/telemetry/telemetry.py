@@ -211,7 +211,9 @@ class Telemetry(AbstractContextManager["Telemetry"]):
         """Returns the time to the end of the phase, or of the last tests; None if it is unknown."""
         if values["run/phase"] == "finishing":
             evaluators = (each.stats for each in actors if each.stats.role == "evaluator")
-            rate: float | None = sum(stats.steps_per_second for stats in evaluators)
+            # That of whole tests, if there were any: the present one begins at 0.
+            rate = number(values, "run/test_steps_per_second")
+            rate = rate or sum(stats.steps_per_second for stats in evaluators)
             left = number(values, "evaluation/steps_left")
         else:
             rate = number(values, "stream/steps_per_second")

@@ -144,7 +144,8 @@ def test_everything_it_lived_through_is_stored_once_and_in_order(stage: Stage) -
     assert last.steps == sum(len(env.moments) for env in envs)
     assert last.made == last.acked == len(stage.replay.chunks)
     assert (last.retried, last.refused, last.role, last.incarnation) == (0, 0, "actor", 17)
-    assert stage.warnings == ["a: the run is finished."]
+    left = f"a: left after {last.steps} steps, all of them stored."
+    assert stage.warnings == ["a: the run is finished.", left]
 
 
 def test_a_wish_to_stop_in_the_middle_of_a_chunk_loses_no_step(stage: Stage) -> None:

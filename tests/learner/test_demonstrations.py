@@ -247,13 +247,16 @@ def test_a_long_path_is_a_path(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("changed", "reason"),
     [
-        (replace(CONFIG, game="breakout"), "game pong instead of breakout"),
+        (
+            replace(CONFIG, game="breakout"),
+            "pong instead of breakout: give the run --game pong, or",
+        ),
         (replace(CONFIG, play=replace(CONFIG.play, frame_stack=3)), "play.frame_stack 4 instead"),
         (
             replace(CONFIG, play=replace(CONFIG.play, minimal_actions=False)),
-            "play.minimal_actions True instead of False",
+            "play.minimal_actions True instead of False: give the run --play.minimal-actions, or",
         ),
-        (WITH_VECTOR, "play.vector False instead of True"),
+        (WITH_VECTOR, "play.vector False instead of True: give the run --play.no-vector, or"),
         (
             replace(CONFIG, learning=replace(CONFIG.learning, clip_rewards=False)),
             "learning.clip_rewards True instead of False",
@@ -276,7 +279,7 @@ def test_those_of_another_environment_are_refused(tmp_path: Path) -> None:
     other = Environment("lamps", "lamps:make", lambda _: CONFIG.action_count)
     with (
         added(ENVIRONMENTS, other),
-        pytest.raises(InputError, match="have game pong instead of lamps"),
+        pytest.raises(InputError, match="game pong instead of lamps: give the run --env "),
     ):
         Demonstrations(tmp_path / "d", replace(CONFIG, env="lamps"))
 

@@ -147,6 +147,16 @@ def test_its_json_can_be_read_whatever_a_run_has_written(
     assert (told["error"], told["summary"]) == ("caf\u00e9 \U0001f600", None)
 
 
+def test_runs_of_another_checkout_are_found(
+    runs: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    here = listed(capsys)
+    monkeypatch.chdir("/")
+    there = listed(capsys, str(runs.parent))
+    assert len(here) == len(there) > 6
+    assert there[-1] == f"One of them: ale-robot status {runs}/RUN"
+
+
 def test_a_folder_without_runs_is_told(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -302,6 +302,7 @@ def newest_of(folder: RunFolder, certificates: str | None = "/keys") -> NewestLe
         ("/keys", ["link"], (ADDRESS, Path("/keys"))),
         ("/keys", ["first", "--certificates", "mine"], (ADDRESS, Path("mine"))),
         (None, ["runs/first/"], (ADDRESS, None)),
+        (None, [], (ADDRESS, None)),  # the only one that is at work here
         ("former", ["first"], (DEFAULT_ENDPOINT, None)),
         # It may be anywhere.
         ("/keys", ["first", "--connect", "tcp/h:1"], ("tcp/h:1", None)),
@@ -336,6 +337,17 @@ def test_a_run_that_is_at_work_is_asked_by_its_name_at_its_address(
     StatusSink(client, KEYS).write(snapshot({}))
     assert main(more) == DONE
     assert asked == [place, "first"]
+
+
+def test_one_of_several_runs_at_work_has_to_be_named(ended: RunFolder) -> None:
+    claimed = []
+    for name in ("first", "second"):
+        run = RunFolder(ended.path.parent, name)
+        run.config_file.unlink(missing_ok=True)
+        run.claim("replay", make_config(), resume=False)
+        claimed.append(run)
+    with pytest.raises(InputError, match=r"^several runs are at work here: name one of first, sec"):
+        main([])
 
 
 def test_a_run_that_starts_is_not_told_to_be_missing(

@@ -255,11 +255,15 @@ def test_without_a_network_the_published_one_of_the_environment_is_filmed(
 ) -> None:
     filmed = []
     monkeypatch.setattr(Play, "run", lambda play, stop: filmed.append(play.weights))
-    for flags in ((), ("--env", "ale"), ("--game", "breakout")):
+    by_default = {
+        (): "robot_pong_sticky",
+        ("--env", "ale"): "ale_pong_sticky",
+        ("--game", "breakout"): "robot_breakout",
+        ("--robot", "robotroller"): "robot_pong_robust",
+    }
+    for flags in by_default:
         parsed(Film, *flags).run(threading.Event())
-    assert filmed == [
-        find_weights(name) for name in ("robot_pong_sticky", "ale_pong_sticky", "robot_breakout")
-    ]
+    assert filmed == [find_weights(name) for name in by_default.values()]
     filmed.clear()
     parsed(Film, "--game", "zaxxon").run(threading.Event())  # at random
     assert filmed == [None]

@@ -84,7 +84,12 @@ class Terminal:
         state = termios.tcgetattr(self._in)
         state[3] &= ~(termios.ICANON | termios.ECHO)
         state[6][termios.VSUSP] = os.fpathconf(self._in, "PC_VDISABLE").to_bytes()
-        termios.tcsetattr(self._in, termios.TCSADRAIN, state)
+        try:
+            termios.tcsetattr(self._in, termios.TCSADRAIN, state)
+        except termios.error as error:  # a signal, while it was in the background
+            raise InputError(
+                f"the terminal cannot be taken over ({error}): run this in the foreground."
+            ) from None
         self.write(_OPEN)
         return self
 

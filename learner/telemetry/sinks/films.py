@@ -91,7 +91,11 @@ class FilmsSink(Sink):
             if self._child is not None and self._child.poll() is None:
                 self._child.kill()  # its film is not kept, and a clean exit would take seconds
                 self._child.end()
-                _log.warning("the film of epoch %d was interrupted", self._epoch.number)
+                _log.warning(
+                    "the film of epoch %d was interrupted: make one by `ale-robot film %s`",
+                    self._epoch.number,
+                    self.folder.path,
+                )
             elif self._child is not None:
                 self._end_film(self._child)
         shutil.rmtree(self._making, ignore_errors=True)

@@ -26,6 +26,7 @@ from common.run.epochs import EpochTable
 from common.settings.presets import PRESETS
 from common.settings.stored_config import to_json
 from learner.figures.plot import Options, main
+from learner.figures.plot_histogram import read_evaluations
 from learner.figures.plot_runs import read_groups
 from learner.figures.plot_style import RANDOM, line_figure, mean_line, save
 from tests.epoch_rows import epoch_row
@@ -376,6 +377,13 @@ def test_wide_ranges_have_fewer_bars(tmp_path: Path) -> None:
     ).axes
     assert len(axes.patches) == 30
     assert sum(bar.get_height() for bar in axes.patches) == 2  # type: ignore[attr-defined]
+
+
+def test_the_card_of_a_policy_has_a_histogram() -> None:
+    card = ROOT / "policies" / "ale_pong.json"
+    headline = ("ε = 0.001, sticky 0", "ε = 0.05, sticky 0", "ε = 0.001, sticky 0.25")
+    names = [each.name for each in read_evaluations(card)]
+    assert names == [f"ale_pong, {chance}" for chance in headline]
 
 
 def test_a_headline_has_a_histogram_for_each_of_its_evaluations(tmp_path: Path) -> None:

@@ -145,7 +145,7 @@ def test_a_replay_binds_the_learner(tmp_path: Path) -> None:
     folder = claim(tmp_path, "replay")
     folder.replay.mkdir()
     del folder
-    with pytest.raises(InputError, match=r"\(seed 1 → 2\): omit .*: --run ANOTHER, without"):
+    with pytest.raises(InputError, match=r"\(seed 1 → 2\): take .*: --run ANOTHER, without"):
         claim(tmp_path, config=replace(FAST, seed=2))
 
 

@@ -84,6 +84,19 @@ def test_settings_in_a_file_are_not_trusted(tmp_path: Path, told: str, words: st
         origin_of(file)
 
 
+def test_a_file_that_was_probably_meant_is_told(tmp_path: Path) -> None:
+    run = RunFolder(tmp_path, "r")
+    run.snapshots.mkdir(parents=True)
+    run.config_file.write_text("{}")
+    run.checkpoint.touch()
+    missing = run.snapshots / "bst.safetensors"
+    with pytest.raises(InputError, match=r"bst\.safetensors does not exist: name .* once a test"):
+        find_weights(missing)
+    (run.snapshots / "best.safetensors").touch()
+    with pytest.raises(InputError, match=r"does not exist: did you mean best\.safetensors\?"):
+        find_weights(missing)
+
+
 def test_a_network_goes_by_the_name_under_which_it_was_published(tmp_path: Path) -> None:
     mine = tmp_path / "policies" / "mine.v2"
     mine.parent.mkdir()

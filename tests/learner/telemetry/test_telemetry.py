@@ -302,6 +302,8 @@ def test_time_left_is_of_the_phase_and_then_of_the_tests(tmp_path: Path) -> None
     run.actors = tuple(ActorView(stats=stats, alive=True) for stats in (evaluator, actor))
     loop: dict[str, Value] = {"run/phase": "finishing", "evaluation/steps_left": 300}
     assert run.values(**loop)["run/seconds_left"] == 15.0
+    run.telemetry.rows.append(epoch_row(phase="test", steps=1_000, epoch_time=100.0))
+    assert run.values(**loop)["run/seconds_left"] == 30.0  # at 10 steps/s, as in whole tests
 
 
 def test_a_network_that_has_not_explored_is_not_compared_with_a_blind_one(tmp_path: Path) -> None:
