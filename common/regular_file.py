@@ -9,11 +9,10 @@ from pathlib import Path
 def read_file(path: Path, most: int = -1) -> bytes:
     """Returns the content of ``path``, or its first ``most`` bytes. Raises OSError if it cannot be
     read, or is a pipe or a device, whose reader might wait for ever."""
-    file = not_waiting(str(path), os.O_RDONLY)
-    with os.fdopen(file, "rb") as opened:
-        if not stat.S_ISREG(os.fstat(file).st_mode):
+    with open(path, "rb", opener=not_waiting) as file:
+        if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
             raise OSError(errno.EINVAL, "it is not a regular file", str(path))
-        return opened.read(most)
+        return file.read(most)
 
 
 def no_links(path: str, flags: int) -> int:

@@ -75,11 +75,12 @@ def _files(source: RunFolder) -> Iterator[Path]:
     """Yields all files in the order in which they have to be copied."""
     first = [source.checkpoint, source.previous, source.replay / JOURNAL]
     yield from (path for path in first if path.exists())
-    # `rglob` does not follow links, and the replay may be a link to another disk.
+    # `rglob` does not follow links, and the replay may be a link to another disk. A link to a file
+    # is not copied: in a stranger's run it could be to any file of this machine.
     for path in sorted({*source.path.rglob("*"), *source.replay.rglob("*")}):
         skipped = path in (source.newest_learner, source.config_file)
         skipped |= path.suffix in (".tmp", ".kept", ".lock")
-        if path.is_file() and path not in first and not skipped:
+        if path.is_file() and not path.is_symlink() and path not in first and not skipped:
             yield path
     yield source.config_file  # without which a copy that was killed is no run
 

@@ -147,6 +147,20 @@ def _read(path: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
     return tensors, state
 
 
+def counters_of(path: Path) -> dict[str, Any]:
+    """Returns agent steps, updates and seconds of training until the checkpoint at ``path``, which
+    can be read; the figures of a summary may be newer, or older. Empty for one without them."""
+    with safe_open(path, "np") as file:
+        state = json.loads((file.metadata() or {}).get("state", "null"))
+    if state is None:
+        return {}
+    return {
+        "agent_steps": state["books"]["agent_steps"],
+        "updates": state["updates"],
+        "wall_seconds": state["seconds"],
+    }
+
+
 def _crc32(tensors: dict[str, Tensor], text: str = "") -> int:
     checksum = crc32(text.encode())
     for name in sorted(tensors):

@@ -34,6 +34,7 @@ from common.run.folder import RunFolder
 from common.run.network_file import decode_network_file, encode_network_file
 from common.settings.clock import ClockConfig
 from common.settings.config import RunConfig
+from learner.checkpoint import counters_of
 from learner.evaluation.offline import evaluate
 from learner.evaluation.options import GAMES, EvaluationOptions
 from learner.evaluation.snapshots import Snapshots
@@ -143,7 +144,9 @@ def _trained(options: Options, folder: RunFolder) -> tuple[RunConfig, QNetwork, 
         )
     card = {name: summary[name] for name in _FROM_SUMMARY}
     card["initial"] = summary.get("initial", False)
-    if not options.last:
+    if options.last:
+        card |= counters_of(source)
+    else:
         card |= {"snapshot": test, **_until(test, folder, config)}
     return config, network, card
 

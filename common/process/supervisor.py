@@ -14,11 +14,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from common.errors import InputError
+from common.errors import InputError, writing
 from common.exit_codes import BAD_INPUT
 from common.process.backoff import SETTLED, growing_pause
 from common.process.lifeline import GRACE, LEASH
 from common.process.service_manager import without
+from common.regular_file import no_links
 from common.schedule import Now
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -63,8 +64,9 @@ class Child(subprocess.Popen[str]):
         streams.setdefault("stdin", subprocess.PIPE if leash else subprocess.DEVNULL)
         with contextlib.ExitStack() as stack:
             if log is not None:
-                log.parent.mkdir(parents=True, exist_ok=True)
-                file = stack.enter_context(log.open("ab"))
+                with writing(log):
+                    log.parent.mkdir(parents=True, exist_ok=True)
+                    file = stack.enter_context(open(log, "ab", opener=no_links))
                 streams = {"stdout": file, "stderr": subprocess.STDOUT, **streams}
             super().__init__(
                 [sys.executable, "-m", module, *arguments, *([LEASH] if leash else [])],

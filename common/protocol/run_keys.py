@@ -5,7 +5,7 @@ import re
 from dataclasses import dataclass
 
 from common.checked import MAX_NAME, NAME
-from common.errors import InputError
+from common.errors import InputError, MessageError
 
 NAMESPACE = "ale-robot"
 DEMONSTRATIONS = "demonstrations"
@@ -35,8 +35,12 @@ def replay_of(run_id: str) -> str:
 
 
 def name_in(key: str) -> str:
-    """Returns the name of the process in ``key``, which must be a key with a name."""
-    return key.rsplit("/", 1)[-1]
+    """Returns the name of the process in ``key``, a key with a name. Raises MessageError if no
+    process can have it, such as one that is longer than others."""
+    name = key.rsplit("/", 1)[-1]
+    if not re.fullmatch(NAME, name):
+        raise MessageError("no process can have the name in this key")
+    return name
 
 
 @dataclass

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from common.counted import counted
 from common.errors import InputError
 from common.minus import minus_signed, points
+from common.regular_file import read_file
 from learner.figures.plot_style import INK, dress, label
 
 _MAX_SINGLE = 60
@@ -42,7 +43,7 @@ def read_evaluations(path: Path) -> list[Evaluation]:
         InputError: the file holds no evaluation.
     """
     try:
-        found = json.loads(path.read_bytes())
+        found = json.loads(read_file(path))
         found = found.get("evaluation", found)  # a policy's card has it
         evaluations = [
             _evaluation(f"{path.stem}, ε = {row['epsilon']:g}, sticky {row['sticky']:g}", row)

@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from common.errors import InputError, cannot_read
+from common.regular_file import read_file
 from common.run.epochs import EpochRow, EpochTable
 from common.run.folder import CONFIG, EPOCHS, INITIAL, SUMMARY, RunFolder
 from learner.figures.plot_style import (
@@ -130,7 +131,7 @@ def _settings(folder: Path) -> str | None:
 
 def _json(path: Path) -> dict[str, Any] | None:
     try:
-        found = json.loads(path.read_bytes())
+        found = json.loads(read_file(path))
         if not isinstance(found, dict):
             raise ValueError("it holds no table")
     except FileNotFoundError:

@@ -55,7 +55,8 @@ class HeldOut:
                 self._states = _states_in(read_file(path), config)
             except (SafetensorError, OSError, ValueError, TypeError, KeyError) as error:
                 raise InputError(
-                    f"{path} is damaged ({error}): remove the run, or restore the file."
+                    f"{path} is damaged ({error}): delete it, and max-Q is measured on other "
+                    "states from then on; or restore the file."
                 ) from None
 
     def draw(self) -> None:

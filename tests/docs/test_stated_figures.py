@@ -59,6 +59,7 @@ def stated() -> Iterator[tuple[str, str]]:
     )
     yield "docs/operations.md", f"as fast as both can (`transport`) | {' | '.join(at_once)} |"
     yield "docs/operations.md", f"if {paced[0]} come per second | {' | '.join(paced)} |"
+    yield "docs/operations.md", f"A learner that wants more than {paced[1]} transitions/s needs"
     yield "benchmarks/RESULTS.md", f"{' and '.join(at_once)} as fast as both can"
     yield (
         "docs/operations.md",

@@ -60,6 +60,14 @@ def test_all_files_are_copied_but_for_what_is_half_written(run: RunFolder, tmp_p
     assert sorted(path.name for path in tmp_path.iterdir()) == ["copy", "runs"]
 
 
+def test_what_a_file_in_the_run_links_to_is_not_copied(run: RunFolder, tmp_path: Path) -> None:
+    (tmp_path / "secret").write_text("secret")
+    (run.path / "notes.txt").symlink_to(tmp_path / "secret")
+    (run.snapshots / "notes.txt").symlink_to("/etc/hostname")
+    copy = back_up(BackupOptions(run.path, tmp_path / "copy"), threading.Event())[1].path
+    assert not any("notes.txt" in name for name in content(copy))
+
+
 @pytest.mark.parametrize("named", ["first", "runs/first"])
 def test_a_run_that_is_linked_is_copied(
     named: str, run: RunFolder, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 import torch
+from safetensors.torch import save
 
 from common.command_line.played import playing_settings
 from common.errors import InputError
@@ -154,8 +155,18 @@ def test_a_run_whose_tests_nobody_plays_is_published_by_its_last_network(tmp_pat
     (run / "snapshots/best.safetensors").rename(run / "checkpoint.safetensors")
     with pytest.raises(InputError, match=r"has ended, so none .* the last one by --last, or"):
         publish(Options(run, output), threading.Event())
-    publish(Options(run, output, last=True, games=1), threading.Event())
+    card = publish(Options(run, output, last=True, games=1), threading.Event())
     assert output.with_suffix(".safetensors").is_file()
+    assert (card["agent_steps"], card["updates"]) == (12_345, 3_000)  # all that is known
+    # The learner was killed after a checkpoint that its summary does not know.
+    state = {"updates": 3_500, "seconds": 70.5, "books": {"agent_steps": 14_000}}
+    named = build_network(CONFIG, 4).state_dict()
+    weights = {f"average.{name}": weight.contiguous() for name, weight in named.items()}
+    metadata = {"state": json.dumps(state)}
+    (run / "checkpoint.safetensors").write_bytes(save(weights, metadata))
+    card = publish(Options(run, output, last=True, replace=True, games=1), threading.Event())
+    told = [card[name] for name in ("agent_steps", "updates", "wall_seconds")]
+    assert told == [14_000, 3_500, 70.5]
 
 
 def test_a_policy_that_is_there_is_replaced_only_if_asked(tmp_path: Path) -> None:

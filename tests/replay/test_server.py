@@ -130,6 +130,17 @@ def test_a_chunk_at_another_actors_key_is_refused(
     assert told == ["a chunk of forger was refused: it names a as its actor"]
 
 
+@pytest.mark.parametrize("name", ["a" * 65, "a" * 60_000, "*", "é", "a\nb", "-a"])
+def test_a_name_that_no_actor_can_have_is_neither_kept_nor_logged(
+    place: Place, caplog: pytest.LogCaptureFixture, name: str
+) -> None:
+    for payload in (b"", b"chunk"):
+        with pytest.raises(MessageError, match="no process can have the name in this key"):
+            ask(place.client, KEYS.insert(name), payload)
+    assert not caplog.messages
+    assert not place.server._quota.knows(name)
+
+
 def test_who_was_refused_is_kept(place: Place, tmp_path: Path) -> None:
     chunk = Actor("b", 4).live([TERMINATES], np.random.default_rng(0))
     with kept_log(tmp_path / "kept.jsonl", "replay"):

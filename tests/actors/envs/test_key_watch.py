@@ -180,6 +180,20 @@ def test_of_commands_that_arrive_in_one_frame_only_the_last_is_watched() -> None
     assert told(watch) == [("press", "reached", 2)]
 
 
+def test_a_command_that_another_replaces_at_the_hands_was_not_missed() -> None:
+    watch = KeyWatch()
+    give(watch, FIRE, NONE)
+    watch.frame(FIRE)  # a command of which a frame was seen
+    for _ in range(2):
+        watch.give()
+        watch.frame(FIRE)
+    assert told(watch) == [("press", "reached", 1)]
+    watch.command(UP, FIRE)
+    watch.command(DOWN, FIRE)
+    watch.frame(DOWN)
+    assert told(watch) == [("release", "reached", 2), ("press", "reached", 2)]
+
+
 def test_the_end_of_time_gives_up_and_a_restart_forgets() -> None:
     watch = KeyWatch()
     give(watch, UP, NONE)

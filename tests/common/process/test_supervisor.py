@@ -212,6 +212,17 @@ def test_a_child_whose_log_has_gone_is_started_again_with_a_new_one(
     children.close()
 
 
+def test_neither_a_link_nor_a_pipe_is_taken_for_a_log(program: Path, tmp_path: Path) -> None:
+    write(program, "print('a line')")
+    (tmp_path / "linked").write_text("precious")
+    (tmp_path / "link").symlink_to("linked")
+    os.mkfifo(tmp_path / "pipe")
+    for name in ("link", "pipe"):
+        with pytest.raises(InputError, match=rf"^{tmp_path}/{name} cannot be written"):
+            Child("m", log=tmp_path / name)
+    assert (tmp_path / "linked").read_text() == "precious"
+
+
 def test_a_start_that_the_system_refuses_is_tried_again_after_growing_pauses(
     program: Path, tmp_path: Path
 ) -> None:

@@ -3,7 +3,7 @@
 import pytest
 import zenoh
 
-from common.errors import InputError
+from common.errors import InputError, MessageError
 from common.protocol.run_keys import RunKeys, check_name, name_in, replay_of, run_id_of
 
 
@@ -52,6 +52,12 @@ def test_the_name_in_a_key_is_that_of_who_speaks() -> None:
     told = (keys.live, keys.stats, keys.view)
     spoken = [*(key("a.b") for key in named), *(key("actor", "a.b") for key in told)]
     assert {name_in(key) for key in spoken} == {"a.b"}
+
+
+@pytest.mark.parametrize("name", ["", "-a", "a" * 65, "*", "a b", "a\n"])
+def test_a_name_in_a_key_that_no_process_can_have_is_refused(name: str) -> None:
+    with pytest.raises(MessageError, match="no process can have"):
+        name_in(f"ale-robot/r/insert/{name}")
 
 
 def test_every_key_of_a_run_is_its_own() -> None:

@@ -333,6 +333,14 @@ def test_a_failed_learner_leaves_a_replay_of_its_own_process(tmp_path: Path) -> 
     assert folder.replay.exists()
 
 
+def test_a_failed_learner_leaves_a_replay_that_it_never_claimed(tmp_path: Path) -> None:
+    folder = claim(tmp_path)
+    folder.replay.mkdir()
+    with pytest.raises(InputError), folder.removed_if_unused():
+        raise InputError("--track x needs a package.")
+    assert folder.replay.exists()
+
+
 def test_a_start_that_fails_leaves_another_parts_folder(tmp_path: Path) -> None:
     replay = claim(tmp_path, "replay")
     with replay.removed_if_unused():

@@ -55,6 +55,23 @@ def test_a_request_is_sent_again_ever_more_seldom(clock: Clock) -> None:
     assert pauses == pytest.approx([0.1, 0.2, 0.4, 0.8, 1.6, 3.2, *[5.0] * 6], abs=0.06)
 
 
+def test_a_request_that_is_under_way_is_not_sent_again(clock: Clock) -> None:
+    class Slow(Away):
+        """It loses the first request, and takes its time for others."""
+
+        def request(self, payload: bytes) -> Future[Envelope]:
+            lost = super().request(payload)
+            return lost if len(self.asked) == 1 else Future()
+
+    window = Window(server := Slow(clock), lambda outcome: None)
+    window.send(b"chunk")
+    while clock.now < 1_040.0:
+        window.wait(0, 0.0)
+        clock.now += 0.05
+    assert len(server.asked) == 2
+    assert window.sent_again == 1
+
+
 class Asked:
     """A request that the test makes."""
 

@@ -109,8 +109,10 @@ def test_an_evaluator_without_a_proper_name_has_no_job(
     coordinator = _coordinator(tmp_path)
     serve_evaluators(hub, KEYS, coordinator, unsigned)
     coordinator.add(epoch_test(1), b"w")
-    with pytest.raises(MessageError, match="an evaluator cannot have this name"):
+    with pytest.raises(MessageError, match="no process can have the name in this key"):
         _ask(client, name)
+    with pytest.raises(MessageError, match="no process can have the name in this key"):
+        _report(client, b"", name)
     assert _ask(client, "e").kind == "test"  # all of it is left
 
 
