@@ -46,6 +46,14 @@ def check_free(host: str, port: int) -> None:
         probe.bind((host, port))
 
 
+def is_known(host: str) -> bool:
+    """Whether this machine finds an address of ``host``."""
+    try:
+        return bool(socket.getaddrinfo(host, None))
+    except (OSError, UnicodeError):
+        return False
+
+
 def is_loopback(host: str) -> bool:
     """Whether only this machine reaches ``host``."""
     try:

@@ -18,7 +18,7 @@ from typing import Any
 
 import zenoh
 
-from common.endpoint import check_endpoint, check_free, is_loopback
+from common.endpoint import check_endpoint, check_free, is_known, is_loopback
 from common.errors import InputError, Unreachable
 from common.transport.access_control import (
     LONGEST_RECEIVED,
@@ -213,6 +213,12 @@ def connect(
                 raise KeyboardInterrupt from None
             waited = time.monotonic() - began
             if waited >= patience:
+                host, _ = check_endpoint(endpoint)
+                if not is_known(host):
+                    raise Unreachable(
+                        f"this machine knows no host called {host}: name the hub's address with "
+                        "--connect."
+                    ) from None
                 raise Unreachable(
                     f"no hub answered at {endpoint} in {waited:.0f} s: start a learner "
                     "there, or name its address with --connect."

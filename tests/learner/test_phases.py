@@ -216,3 +216,15 @@ def test_a_phases_loss_is_the_mean_over_its_updates() -> None:
         counted.add(torch.tensor(loss))
     (row,) = count(counted, _chunks(4, first=2))
     assert row.meancost == 4.5
+
+
+def test_a_phase_begins_where_the_row_of_the_one_before_ends() -> None:
+    now = [0.0]
+    counted = Phases(CONFIG, RunClock(lambda: now[0]))
+    now[0] = 7.0
+    row, _ = counted.result(stored=0, meanq=None)
+    now[0] = 12.0  # the row is written late, such as to a full disk
+    counted.close(row)
+    now[0] = 20.0
+    following, _ = counted.result(stored=0, meanq=None)
+    assert (row.epoch_time, following.epoch_time, following.total_time) == (7.0, 13.0, 20.0)

@@ -194,6 +194,13 @@ def test_a_hub_that_is_not_there_is_told_after_the_patience(endpoint: str) -> No
         connect(endpoint, 0.0)
 
 
+def test_a_host_that_nobody_knows_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    unknown = Mock(side_effect=socket.gaierror(socket.EAI_NONAME, "Name or service not known"))
+    monkeypatch.setattr("common.endpoint.socket.getaddrinfo", unknown)
+    with pytest.raises(Unreachable, match=r"^this machine knows no host called nohost: name the"):
+        connect("tcp/nohost:7447", 0.0)
+
+
 def test_whoever_wants_to_stop_need_not_wait_for_a_hub(endpoint: str) -> None:
     with pytest.raises(KeyboardInterrupt):
         connect(endpoint, 1e9, lambda: True)
