@@ -78,7 +78,7 @@ def test_those_that_cannot_be_used_leave_nothing(stage: Stage, recording: Path) 
     output = stage.learner("--env=ale", "--game=breakout", *given).ends(status=2)
     _, told = output.splitlines()  # after the line that PyTorch is loaded
     assert "have game pong instead of breakout" in told
-    assert "record others, or give the run their settings" in told
+    assert "give the run --game pong, or record others" in told
     output = stage.learner("--env=ale", "--demonstrations", str(stage.folder)).ends(status=2)
     assert "holds no whole game" in output
     assert not stage.run.exists()
