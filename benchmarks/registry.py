@@ -19,6 +19,10 @@ class Benchmark:
     """Flags, as in a shell, by the name of the result that they make: RESULT.json."""
 
 
+_EIGHT_DRAWS = "--learning.batch-size 128 --learning.train-period 16 --learning.publish-period 12"
+"""Settings by which a robot's steps are drawn eight times each, as in 2017; the preset draws each
+four times."""
+
 BENCHMARKS = {
     "learner_updates": Benchmark(
         "one Double DQN update: by threads and precision, by kind of work, exactness",
@@ -57,12 +61,15 @@ BENCHMARKS = {
         "a whole local run: training, tests, and how many of the 2017 epochs a day has room for",
         {
             "epochs_ale": "--env ale",
-            "epochs_robot": '--env robot --learner="--envs 2" --evaluators 2',
+            "epochs_robot": f'--env robot --learner="--envs 2 {_EIGHT_DRAWS}" --evaluators 2',
             "epochs_robot_async": "--env robot --no-sync --actors 10 --evaluators 5"
             ' --learner="--learning.batch-size 32 --learning.train-period 4"',
         },
     ),
-    "scaling": Benchmark("a whole local run with more and more actors", {"scaling": "--env robot"}),
+    "scaling": Benchmark(
+        "a whole local run with more and more actors",
+        {"scaling": f'--env robot --learner="{_EIGHT_DRAWS}"'},
+    ),
     "peers": Benchmark(
         "training, replay and update beside stable-baselines3, cpprb and plain PyTorch",
         {

@@ -147,13 +147,16 @@ def _read(path: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
     return tensors, state
 
 
-def counters_of(path: Path) -> dict[str, Any]:
-    """Returns agent steps, updates and seconds of training until the checkpoint at ``path``, which
-    can be read; the figures of a summary may be newer, or older. Empty for one without them."""
-    with safe_open(path, "np") as file:
-        state = json.loads((file.metadata() or {}).get("state", "null"))
-    if state is None:
+def counters_of(content: bytes) -> dict[str, Any]:
+    """Returns agent steps, updates and seconds of training until the checkpoint with this
+    ``content``, which is safetensors; none if it does not tell them. Raises LookupError, TypeError
+    or ValueError if they are damaged."""
+    # safetensors reads metadata from files only, and the file may be another one by now.
+    size = int.from_bytes(content[:8], "little")
+    told = json.loads(content[8 : 8 + size]).get("__metadata__", {})
+    if "state" not in told:
         return {}
+    state = json.loads(told["state"])
     return {
         "agent_steps": state["books"]["agent_steps"],
         "updates": state["updates"],

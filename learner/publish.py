@@ -23,7 +23,7 @@ from common.atomic_file import check_new_file, write_atomically, write_json
 from common.checked import FromOne
 from common.command_line.parser import parse
 from common.crc32 import crc32
-from common.errors import InputError, MessageError, writing
+from common.errors import InputError, writing
 from common.exit_codes import INTERRUPTED
 from common.network import QNetwork, build_network, count_actions_of
 from common.process.lifeline import on_signals
@@ -134,7 +134,8 @@ def _trained(options: Options, folder: RunFolder) -> tuple[RunConfig, QNetwork, 
         found = decode_network_file(weights)
         network = build_network(config, count_actions_of(config, found))
         set_weights(network, found)
-    except (MessageError, KeyError) as error:
+        counters = counters_of(weights) if options.last else {}
+    except (LookupError, TypeError, ValueError) as error:
         raise InputError(f"{source} is damaged ({error}): {_WRITTEN_ANEW}.") from None
     summary = _read(folder.summary)
     if missing := [name for name in _FROM_SUMMARY if name not in summary]:
@@ -142,11 +143,10 @@ def _trained(options: Options, folder: RunFolder) -> tuple[RunConfig, QNetwork, 
             f"{folder.summary} is from an earlier version, without {', '.join(missing)}: "
             f"{_WRITTEN_ANEW}."
         )
-    card = {name: summary[name] for name in _FROM_SUMMARY}
+    # The summary may be of later steps than the weights, or of fewer.
+    card = {name: summary[name] for name in _FROM_SUMMARY} | counters
     card["initial"] = summary.get("initial", False)
-    if options.last:
-        card |= counters_of(source)
-    else:
+    if not options.last:
         card |= {"snapshot": test, **_until(test, folder, config)}
     return config, network, card
 

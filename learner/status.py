@@ -266,13 +266,23 @@ def _folder_of(options: StatusOptions) -> RunFolder | None:
         return None
     if options.target is not None:
         return RunFolder.existing(options.target).resolved()
-    at_work = [run for run in RunFolder.all_in(RUNS) if run.is_at_work()]
-    if options.run is not None or not at_work:
+    if options.run is not None:
+        return None
+    at_work = [run for run in RunFolder.all_in(RUNS) if _is_at_work(run)]
+    if not at_work:
         return None
     if len(at_work) > 1:
         names = ", ".join(run.name for run in at_work[:MAX_LISTED])
         raise InputError(f"several runs are at work here: name one of {names}.")
     return at_work[0].resolved()
+
+
+def _is_at_work(run: RunFolder) -> bool:
+    """Whether somebody works at a run, as far as one may know."""
+    try:
+        return run.is_at_work()
+    except OSError:  # such as another user's, whose locks cannot be opened
+        return False
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

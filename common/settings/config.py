@@ -229,8 +229,8 @@ class RunConfig:
 
     @property
     def hands(self) -> str | None:
-        """Whose hands press the keys: the robot's name, or the path of a latency model; None where
-        keys change as commanded."""
+        """Name of the robot whose hands press the keys, or path of the latency model in their
+        place; None if the run uses neither."""
         played = ENVIRONMENTS.find(self.env).robot or self.play.latency_model
         return str(path_of(self.play.robot)) if played else None
 

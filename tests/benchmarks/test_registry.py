@@ -84,7 +84,10 @@ def test_all_are_run_with_their_published_flags(monkeypatch: pytest.MonkeyPatch)
     (robot,) = [words for words in told if words[-1].endswith("epochs_robot.json")]
     assert robot[:-2] == (
         "benchmarks.epochs_per_day",
-        *("--env", "robot", "--learner=--envs 2", "--evaluators", "2"),
+        *("--env", "robot"),
+        "--learner=--envs 2 --learning.batch-size 128 --learning.train-period 16 "
+        "--learning.publish-period 12",
+        *("--evaluators", "2"),
     )
     assert all(words[-2] == "--json" for words in told)
 

@@ -167,6 +167,9 @@ def test_a_run_whose_tests_nobody_plays_is_published_by_its_last_network(tmp_pat
     card = publish(Options(run, output, last=True, replace=True, games=1), threading.Event())
     told = [card[name] for name in ("agent_steps", "updates", "wall_seconds")]
     assert told == [14_000, 3_500, 70.5]
+    (run / "checkpoint.safetensors").write_bytes(save(weights, {"state": "{}"}))
+    with pytest.raises(InputError, match=r"checkpoint\.safetensors is damaged \('books'\): cont"):
+        publish(Options(run, output, last=True, replace=True, games=1), threading.Event())
 
 
 def test_a_policy_that_is_there_is_replaced_only_if_asked(tmp_path: Path) -> None:

@@ -1,5 +1,6 @@
 """How a run does, asked of its processes in one process: table, JSON and exit code."""
 
+import errno
 import io
 import json
 import math
@@ -12,6 +13,7 @@ from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NoReturn
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -347,6 +349,18 @@ def test_one_of_several_runs_at_work_has_to_be_named(ended: RunFolder) -> None:
         run.claim("replay", make_config(), resume=False)
         claimed.append(run)
     with pytest.raises(InputError, match=r"^several runs are at work here: name one of first, sec"):
+        main([])
+
+
+def test_a_run_whose_locks_cannot_be_opened_is_none_of_ours(
+    ended: RunFolder, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refused(*_: object) -> NoReturn:
+        raise PermissionError(errno.EACCES, "Permission denied", str(ended.path))
+
+    monkeypatch.setattr(RunFolder, "is_at_work", refused)
+    monkeypatch.setattr("learner.status.connect", Mock(side_effect=Unreachable("nobody.")))
+    with pytest.raises(Unreachable, match=r"^nobody\. Runs here: first"):
         main([])
 
 
