@@ -100,8 +100,8 @@ def _rows(
     stop: threading.Event,
     console: Console,
 ) -> list[dict[str, Any]] | None:
-    """Plays the games of each measure; returns a row for each, None if ``stop`` was set before all
-    had been played."""
+    """Plays the games of each measure; returns a row for each. If ``stop`` is set before all have
+    been played, prints the rows that are whole, and returns None."""
     measures = options.measures(config, trained)
     rows, played = [], 0
     total = options.games * len(measures)
@@ -126,6 +126,8 @@ def _rows(
             told = {"changed": changed, "conditions": _unusual(settings)}
             rows.append({**asdict(measure), **told, **summarise(found, clock)})
     if len(rows) < len(measures):  # told once the bar has gone: the console would write behind it
+        if rows:  # of the measures whose games are all there: those that end first are defeats
+            console.print(table({"weights": name_of(network), "rows": rows}))
         unwritten = f": {options.json} is not written" if options.json is not None else ""
         console.print(
             f"stopped after {counted(played, 'game')}{unwritten}", markup=False, soft_wrap=True

@@ -191,6 +191,26 @@ def evaluated(
     return found, console.export_text()
 
 
+def test_a_stop_shows_the_measures_whose_games_are_all_there(
+    program: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write(program, TELLS_ITS_CHANCES)
+    stop = threading.Event()
+    whole = offline.summarise
+
+    def summarise(*found: Any) -> Any:
+        stop.set()  # once the first measure has all of its games
+        return whole(*found)
+
+    monkeypatch.setattr(offline, "summarise", summarise)
+    console = Console(file=io.StringIO(), width=120, record=True)
+    options = EvaluationOptions(games=2, headline=True)
+    assert evaluate(program, options, CONFIG, ClockConfig(), stop, console) is None
+    *shown, said = console.export_text().splitlines()
+    assert any("1.00 ± 0.00" in line for line in shown)
+    assert said == "stopped after 2 games"
+
+
 @pytest.mark.parametrize("valid", [49, 50])
 def test_a_score_of_a_robot_that_did_not_see_is_told_as_such(program: Path, valid: int) -> None:
     write(program, f"print({json.dumps(GAME | {'valid': valid})!r}, flush=True)")
