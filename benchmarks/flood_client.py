@@ -14,7 +14,7 @@ from concurrent.futures import Future
 from pathlib import Path
 
 from benchmarks.child import serve
-from benchmarks.synthetic import noise_chunks
+from benchmarks.synthetic import camera_chunks
 from common.errors import InputError, MessageError
 from common.process.allocator import keep_large_blocks
 from common.process.threads import guarded
@@ -62,7 +62,7 @@ class Flooder:
             threading.Thread(target=work, daemon=True)
             for work in (self._send_chunks, self._send_heartbeats, self._ask_for_weights)
         ]
-        self._chunks = noise_chunks(keys.run_id, (name,), config)
+        self._chunks = camera_chunks(keys.run_id, (name,), config)
         self._inserts = transport.requester(keys.insert(name), _DEADLINE)
         self._questions = transport.requester(keys.latest_weights, _QUESTION_DEADLINE)
         self._heartbeats = transport.publisher(keys.stats("actor", name))

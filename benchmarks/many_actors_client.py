@@ -1,7 +1,7 @@
 """The actors of `benchmarks.many_actors`, all in one process.
 
 Each has a session, a name and an insert client of its own, as if on a machine of its own. Only the
-robot is missing: chunks of noise are due at the pace of a robot in real time.
+robot is missing: chunks of its camera's frames are due at the pace of a robot in real time.
 """
 
 import threading
@@ -12,8 +12,8 @@ from typing import Any
 from actors.member import Member
 from actors.stream.insert_client import InsertClient
 from benchmarks.child import serve
-from benchmarks.synthetic import noise_chunks
-from benchmarks.transport_client import time_requests
+from benchmarks.synthetic import camera_chunks
+from benchmarks.transport_client import Answers, count_answers
 from common.run.join import find_run
 from common.transport.chosen import connect
 
@@ -26,7 +26,7 @@ _BROADCAST = 10.0
 class Crowd:
     def __init__(self, actors: int, connect_to: str, run: str) -> None:
         began = time.monotonic()
-        self._latencies: list[list[float]] = []
+        self._answers: list[Answers] = []
         self._arrived: SimpleQueue[float] = SimpleQueue()
         """Times at which actors got weights, on the machine's monotonic clock."""
         self._clients: list[InsertClient] = []
@@ -34,12 +34,12 @@ class Crowd:
         for name in names:
             transport = connect(connect_to, _PATIENCE)
             keys, config = find_run(transport, run, _PATIENCE)
-            self._latencies.append(time_requests(transport))
+            self._answers.append(count_answers(transport))
             transport.subscribe(keys.weights, lambda _: self._arrived.put(time.monotonic()))
             member = Member(name, transport, keys, config, _PATIENCE, threading.Event())
             self._clients.append(InsertClient(member))
         self._steps = config.stream.chunk_steps
-        self._chunks = noise_chunks(keys.run_id, names, config)
+        self._chunks = camera_chunks(keys.run_id, names, config)
         self._join_seconds = time.monotonic() - began
 
     def join_seconds(self) -> float:
@@ -73,7 +73,7 @@ class Crowd:
             "held_back": held_back,
             "late_seconds": late,
             "cpu_seconds": time.process_time() - spent,
-            "latencies": [each for actor in self._latencies for each in actor],
+            "latencies": [each for actor in self._answers for each in actor.seconds],
             "acknowledged": sum(each.acked for each in clients),
             "sent_again": sum(each.retried for each in clients),
         }

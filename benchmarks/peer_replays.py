@@ -1,8 +1,9 @@
 """Replays of other libraries and ours behind one interface, for `benchmarks.peers`.
 
-All are created full of noise. The others take single steps with whole states, as their users insert
-them; ours takes chunks. Each is measured in a process of its own, because the cost of a batch
-depends, up to tenfold, on what the process has allocated before.
+All are created full: ours of camera frames, the others of noise; none of them looks at pixels. The
+others take single steps with whole states, as their users insert them; ours takes chunks. Each is
+measured in a process of its own, because the cost of a batch depends, up to tenfold, on what the
+process has allocated before.
 """
 
 import itertools
@@ -18,7 +19,7 @@ from numpy.typing import NDArray
 from benchmarks.child import serve
 from benchmarks.pace import slice_per_second
 from benchmarks.replay import BATCH, draw, draw_and_rate, fill, prioritised, unlimited
-from benchmarks.synthetic import noise_chunks
+from benchmarks.synthetic import camera_chunks
 from replay.replay_buffer import ReplayBuffer
 
 _POOL = 64
@@ -49,7 +50,7 @@ def ours(wanted: Wanted) -> Filled:
     """Returns this project's `ReplayBuffer`, in files."""
     config = unlimited(wanted.size)
     buffer = ReplayBuffer(prioritised(config) if wanted.prioritised else config, wanted.folder)
-    chunks = noise_chunks("bench", ("actor-1",), config)
+    chunks = camera_chunks("bench", ("actor-1",), config)
     fill(buffer, chunks, wanted.size)
     rated = draw_and_rate(buffer, np.random.default_rng(1))
     return Filled(

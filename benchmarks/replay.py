@@ -2,7 +2,7 @@
 
 For each size there are four measurements:
 
-1. An empty ring is filled with chunks of noise.
+1. An empty ring is filled with chunks of camera frames.
 2. Chunks are inserted into the full ring, each evicting another.
 3. Batches are drawn from it uniformly.
 4. It is opened again as a prioritised one, as by a resumed run; batches are drawn and given new
@@ -22,7 +22,7 @@ import numpy as np
 from benchmarks.child import scratch
 from benchmarks.pace import per_second
 from benchmarks.report import BenchmarkOptions, Numbers, Report, Seconds, main
-from benchmarks.synthetic import noise_chunks
+from benchmarks.synthetic import camera_chunks
 from common.checked import FromOne
 from common.errors import InputError, writing
 from common.process.footprint import footprint
@@ -102,7 +102,7 @@ def draw_and_rate(buffer: ReplayBuffer, rng: np.random.Generator) -> Callable[[]
 def measure_size(capacity: int, options: Options, folder: Path) -> dict[str, Any]:
     config = replace(unlimited(capacity), stream=StreamConfig(chunk_steps=options.chunk_steps))
     names = tuple(f"actor-{number}" for number in range(1, options.actors + 1))
-    chunks = noise_chunks("bench", names, config)
+    chunks = camera_chunks("bench", names, config)
     before = footprint().private
     buffer = ReplayBuffer(config, folder)
     began = time.perf_counter()

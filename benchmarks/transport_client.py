@@ -8,7 +8,7 @@ import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import Future
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -17,7 +17,7 @@ from actors.member import Member
 from actors.stream.insert_client import InsertClient
 from benchmarks.child import serve
 from benchmarks.pace import repeat
-from benchmarks.synthetic import noise_chunks
+from benchmarks.synthetic import camera_chunks
 from common.process.allocator import keep_large_blocks
 from common.run.join import find_run
 from common.transport.chosen import connect
@@ -30,31 +30,43 @@ _WARM_UP = 0.3
 """Seconds before counting begins."""
 
 
-def time_requests(transport: Transport) -> list[float]:
-    """Returns a list to which each answered request of ``transport`` adds its seconds."""
-    latencies: list[float] = []
+@dataclass
+class Answers:
+    """The answers to a transport's requests so far."""
+
+    seconds: list[float] = field(default_factory=list)
+    """Time until each came."""
+    bytes: int = 0
+    """Size of all."""
+
+
+def count_answers(transport: Transport) -> Answers:
+    """Returns what is counted of the answers to all requests of ``transport`` from now on."""
+    answers = Answers()
     requester = transport.requester
 
-    def timed_requester(key: str, deadline: float) -> Requester:
+    def counted_requester(key: str, deadline: float) -> Requester:
         made = requester(key, deadline)
         request = made.request
 
-        def timed_request(payload: bytes) -> Future[Envelope]:
+        def counted_request(payload: bytes) -> Future[Envelope]:
             sent = time.perf_counter()
 
             def note(future: Future[Envelope]) -> None:
                 if not isinstance(future.exception(), Unanswered):
-                    latencies.append(time.perf_counter() - sent)
+                    answers.seconds.append(time.perf_counter() - sent)
+                if not future.exception():
+                    answers.bytes += len(future.result().payload)
 
             future = request(payload)
             future.add_done_callback(note)
             return future
 
-        made.request = timed_request  # type: ignore[method-assign]
+        made.request = counted_request  # type: ignore[method-assign]
         return made
 
-    transport.requester = timed_requester  # type: ignore[method-assign]
-    return latencies
+    transport.requester = counted_requester  # type: ignore[method-assign]
+    return answers
 
 
 class Client:
@@ -80,14 +92,14 @@ class Client:
         Args:
             pace: maximum steps per second; None for no limit.
         """
-        latencies = time_requests(self._transport)
+        answers = count_answers(self._transport)
         inserts = InsertClient(
             Member(
                 *(self._name, self._transport, self._keys, self._config),
                 *(_PATIENCE, threading.Event()),
             )
         )
-        chunks = noise_chunks(self._keys.run_id, (self._name,), self._config)
+        chunks = camera_chunks(self._keys.run_id, (self._name,), self._config)
         steps = self._config.stream.chunk_steps
         due = time.perf_counter()
 
@@ -100,7 +112,7 @@ class Client:
             inserts.send(payload)
             return len(payload)
 
-        found = _figures(action, steps, latencies, seconds)
+        found = _figures(action, steps, answers.seconds, seconds)
         inserts.flush(_FLUSH)
         counted = ("retried", "refused", "unacknowledged")
         return found | {name: getattr(inserts, name) for name in counted}
@@ -108,9 +120,10 @@ class Client:
     def draw(self, seconds: float) -> dict[str, Any]:
         """Draws batches one after the other; returns the counts.
 
-        Megabytes are those of complete batches, as the learner uses them.
+        Megabytes are those of the batches on their way, compressed and with each frame once.
         """
         config = self._config
+        answers = count_answers(self._transport)
         replay = RemoteReplay(self._transport, self._keys, config)
         rng = np.random.default_rng(1)
         latencies: list[float] = []
@@ -123,7 +136,8 @@ class Client:
                 raise RuntimeError("no batch was to be had")
             if config.replay.sampler == "prioritised":
                 replay.update_priorities(batch.ids, rng.random(len(batch.ids)).astype(np.float32))
-            return sum(part.nbytes for part in batch if isinstance(part, np.ndarray))
+            arrived, answers.bytes = answers.bytes, 0
+            return arrived
 
         return _figures(action, config.learning.batch_size, latencies, seconds)
 
@@ -142,9 +156,10 @@ def _figures(
 
     def sized() -> None:
         nonlocal size
-        size = action()
+        size += action()
 
     repeat(sized, _WARM_UP)
+    size = 0
     calls, spent = repeat(sized, seconds)
     p50, p99 = np.percentile(latencies[-calls:], (50, 99)).tolist()
     return {
@@ -154,7 +169,7 @@ def _figures(
         "p50_ms": p50 * 1e3,
         "p99_ms": p99 * 1e3,
         "transitions_per_second": calls * steps / spent,
-        "megabytes_per_second": calls * size / spent / 1e6,
+        "megabytes_per_second": size / spent / 1e6,
     }
 
 

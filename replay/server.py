@@ -101,6 +101,7 @@ class ReplayServer(AbstractContextManager["ReplayServer"]):
 
     def _insert(self, request: Request) -> bytes | None:
         actor = name_in(request.key)
+        new = not self._quota.knows(actor)
         if not self._admits(actor, request):
             request.drop()  # the actor sends it again
             return None
@@ -108,17 +109,20 @@ class ReplayServer(AbstractContextManager["ReplayServer"]):
             self._polls.put(request)
             return None
         try:
-            return self._ack_of(request.payload, actor).encode()
+            chunk = self._chunk_in(request.payload, actor)
+            self._quota.charge(actor, _least_steps(request), len(chunk), new=new)
+            return self._ack_of(chunk).encode()
         except MessageError as error:
             _log.warning("a chunk of %s was refused: %s", actor, error)
             raise
 
     def _admits(self, actor: str, request: Request) -> bool:
-        """Whether the request is within the actor's turn and quota, judged before it is read."""
+        """Whether the request is within the actor's turn and quota, judged before it is read: then
+        by its size, and `_insert` charges what more it holds."""
         if actor == DEMONSTRATIONS and not self._buffer.draws:  # the learner's, at the beginning
             return True
         known = self._quota.knows(actor)
-        steps = max(request.size / FRAME_BYTES, 1.0) if request.size else _POLL_STEPS
+        steps = _least_steps(request) if request.size else _POLL_STEPS
         if request.size and known and not self._buffer.admits(actor):
             if not self._buffer.ignores_throttle(actor):
                 return False
@@ -133,9 +137,9 @@ class ReplayServer(AbstractContextManager["ReplayServer"]):
         _log.warning("%s: the rest has to wait", text)
         return False
 
-    def _ack_of(self, payload: bytes, actor: str) -> Ack:
-        """Stores a chunk, and returns the answer. Raises MessageError, and counts the chunk as
-        refused, if it is malformed."""
+    def _chunk_in(self, payload: bytes, actor: str) -> Chunk:
+        """Returns the chunk in ``payload``. Raises MessageError, and counts it as refused, if it
+        is malformed."""
         try:
             chunk = Chunk.decode(payload)
             if chunk.actor != actor:
@@ -143,9 +147,14 @@ class ReplayServer(AbstractContextManager["ReplayServer"]):
         except MessageError:
             self._buffer.refuse()
             raise
+        return chunk
+
+    def _ack_of(self, chunk: Chunk) -> Ack:
+        """Stores a chunk, and returns the answer. Raises MessageError, and counts the chunk as
+        refused, if it does not fit this run."""
         if chunk.run_id != self._keys.run_id:
             self._buffer.refuse()
-            _log.warning("a chunk of %s was refused: it is of another run", actor)
+            _log.warning("a chunk of %s was refused: it is of another run", chunk.actor)
             return self._buffer.ack("refused")
         return self._buffer.insert(chunk)
 
@@ -223,3 +232,9 @@ class ReplayServer(AbstractContextManager["ReplayServer"]):
         # Not the highest version but the latest: a resumed learner may start from an older one.
         self._weights = message
         self._buffer.weights_version = version
+
+
+def _least_steps(request: Request) -> float:
+    """Returns the number of steps that a chunk costs by its size: what it holds without
+    compression."""
+    return max(request.size / FRAME_BYTES, 1.0)

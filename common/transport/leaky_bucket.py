@@ -56,14 +56,31 @@ class LeakyBucket:
         self._paid_until[name] = begins + amount / self._per_second
         return True
 
+    def charge(self, name: str, amount: float, whole: float, *, new: bool) -> None:
+        """Counts a message as ``whole`` that was just admitted as ``amount``, as one does that
+        holds more than its size had told.
+
+        Args:
+            new: whether ``name`` was new when it was admitted.
+        """
+        if whole <= amount or not self.knows(name):
+            return
+        self._paid_until[name] += (whole - amount) / self._per_second
+        if new:
+            self._joined_until += (_names(whole) - _names(amount)) / NEW_NAMES_PER_SECOND
+
     def _lets_in(self, now: float, amount: float) -> bool:
         """Whether a new name, which brings ``amount``, may have a bucket of its own."""
         begins = max(self._joined_until, now)
         if begins - now > _AHEAD:
             return False
-        names = max(amount / _NAMES_AMOUNT, 1.0)
-        self._joined_until = begins + names / NEW_NAMES_PER_SECOND
+        self._joined_until = begins + _names(amount) / NEW_NAMES_PER_SECOND
         if len(self._paid_until) >= _MAX_NAMES:
             heard = {n: until for n, until in self._paid_until.items() if until > now - _FORGOTTEN}
             self._paid_until = heard
         return len(self._paid_until) < _MAX_NAMES
+
+
+def _names(amount: float) -> float:
+    """Returns as how many new names one that brings ``amount`` counts."""
+    return max(amount / _NAMES_AMOUNT, 1.0)

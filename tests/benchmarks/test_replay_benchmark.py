@@ -1,4 +1,4 @@
-"""`python -m benchmarks.replay` on small rings, and the chunks of noise it inserts."""
+"""`python -m benchmarks.replay` on small rings, and the chunks that it inserts."""
 
 import json
 import time
@@ -7,9 +7,8 @@ from pathlib import Path
 import pytest
 
 from benchmarks import replay, report
-from benchmarks.synthetic import noise_chunks
+from benchmarks.synthetic import camera_chunks
 from common.errors import InputError
-from common.protocol.chunk import Chunk
 from common.settings.config import RunConfig, StreamConfig
 
 
@@ -55,9 +54,9 @@ def test_settings_that_cannot_work(flags: list[str], complaint: str) -> None:
         run(*flags)
 
 
-def test_chunks_of_noise_are_chunks() -> None:
-    noise = noise_chunks("r", ("a", "b"), RunConfig(stream=StreamConfig(chunk_steps=8)))
-    chunks = [Chunk.decode(next(noise).encode()) for _ in range(5)]
+def test_chunks_of_camera_frames_are_chunks_and_compress() -> None:
+    made = camera_chunks("r", ("a", "b"), RunConfig(stream=StreamConfig(chunk_steps=8)))
+    chunks = [next(made) for _ in range(5)]
     assert [(each.actor, each.sequence) for each in chunks] == [
         ("a", 0),
         ("b", 0),
@@ -66,3 +65,4 @@ def test_chunks_of_noise_are_chunks() -> None:
         ("a", 2),
     ]
     assert all(len(each) == 8 and len(each.context) == 3 for each in chunks)
+    assert all(len(each.encode()) < each.frames.nbytes / 5 for each in chunks)

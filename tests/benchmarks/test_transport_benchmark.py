@@ -20,13 +20,13 @@ def test_chunks_and_batches_at_once() -> None:
         again = exchange.measure(["send"], window=1)[0]
     for each in (sent, again):
         assert each["transitions_per_second"] == pytest.approx(16 * each["calls_per_second"])
-        # 16 frames and 3 of context of 7,056 bytes, and some hundred bytes more.
+        # 16 frames and 3 of context of 7,056 bytes, compressed.
         size = each["megabytes_per_second"] * 1e6 / each["calls_per_second"]
-        assert 19 * 7_056 < size < 19 * 7_056 + 2_000
+        assert 2_000 < size < 19 * 7_056 / 5
         assert each["unacknowledged"] == each["refused"] == 0
     assert drawn["transitions_per_second"] == pytest.approx(32 * drawn["calls_per_second"])
     size = drawn["megabytes_per_second"] * 1e6 / drawn["calls_per_second"]
-    assert size == pytest.approx(2 * 32 * 4 * 7_056, rel=0.001)
+    assert 10_000 < size < 2 * 32 * 4 * 7_056 / 10
     for each in (sent, drawn, again):
         assert 0 < each["p50_ms"] <= each["p99_ms"]
         assert each["calls"] == pytest.approx(each["calls_per_second"] * each["seconds"])

@@ -38,6 +38,9 @@ def _change(message: bytes, chance: random.Random) -> bytes:
             holder[key] = holder[key][: chance.randrange(len(holder[key]))]
         case 3 if type(holder[key]) in (int, float):
             holder[key] += chance.choice((-1, 1, 0.5))
+        case 3 | 4 if isinstance(holder[key], msgpack.ExtType):  # compressed bytes
+            code, data = holder[key]
+            holder[key] = msgpack.ExtType(chance.choice((code, code, 0, 7)), _damage(data, chance))
         case _:
             holder[key] = chance.choice(_VALUES)
     try:

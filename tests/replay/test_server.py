@@ -171,7 +171,7 @@ def test_an_actor_over_its_quota_waits_alone_and_loses_nothing(
     )
     place.server.close()
     config = replace(make_config(), stream=StreamConfig(chunk_steps=8, window=3))
-    place.server = ReplayServer(place.hub, place.buffer, config, RUN, quota=8)
+    place.server = ReplayServer(place.hub, place.buffer, config, RUN, quota=7)
     rng, stop = np.random.default_rng(0), threading.Event()
     sender = InsertClient(Member("fast", place.client, KEYS, config, PATIENCE, stop))
     fast, other = Actor("fast", 4), Actor("other", 4)
@@ -180,7 +180,7 @@ def test_an_actor_over_its_quota_waits_alone_and_loses_nothing(
     for _ in until_late():
         if place.buffer.over_quota:
             break
-    # Eight frames and their header are more than a second's, so the next has to wait.
+    # Eight steps are more than a second's, however small they travel, so the next has to wait.
     assert place.buffer.progress(0).accepted == 1
     told = place.remote.progress(0).values()["stream/over_quota"]
     assert isinstance(told, int)

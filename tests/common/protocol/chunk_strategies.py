@@ -25,8 +25,10 @@ def chunks(draw: st.DrawFn, most_steps: int = 12) -> Chunk:
     ends = np.array(draw(st.lists(st.sampled_from("-xt"), min_size=steps, max_size=steps)))
     finals = int((ends == "t").sum())
 
+    levels = draw(st.sampled_from([256, 2]))  # of grey; 256 of noise cannot be compressed
+
     def frames(count: int) -> NDArray[np.uint8]:
-        return rng.integers(256, size=(count, *FRAME_SHAPE), dtype=np.uint8)
+        return rng.integers(levels, size=(count, *FRAME_SHAPE), dtype=np.uint8)
 
     def floats(*shape: int) -> NDArray[np.float32]:
         return rng.normal(scale=100, size=shape).astype(np.float32)

@@ -68,6 +68,28 @@ def test_of_invented_names_less_is_admitted_than_of_two_actors_however_much_each
     assert 1e4 < admitted / 10 < 2e4
 
 
+@pytest.mark.parametrize("amount", [64.0, 640.0, 6400.0])
+def test_what_is_charged_later_counts_as_if_it_had_been_known(clock: Clock, amount: float) -> None:
+    known, charged = (LeakyBucket(1e4, clock) for _ in range(2))
+    for number in range(4 * 1024):  # invented names, and some at work
+        name = f"name-{number if number % 4 else number % 16}"
+        new = not charged.knows(name)
+        found = charged.admits(name)
+        assert found == known.admits(name, amount)
+        if found:
+            charged.charge(name, 1.0, amount, new=new)
+        clock.now += 1 / 1024
+
+
+def test_nothing_is_charged_to_a_name_that_was_not_admitted(clock: Clock) -> None:
+    quota = LeakyBucket(64.0, clock)
+    quota.charge("a", 1.0, 640.0, new=True)
+    assert not quota.knows("a")
+    assert quota.admits("a", 16.0)
+    quota.charge("a", 16.0, 1.0, new=False)  # which held less
+    assert [quota.admits("a", 16.0) for _ in range(5)] == [True] * 4 + [False]
+
+
 def test_a_name_in_use_keeps_its_place_and_one_that_is_silent_gives_it_up(
     clock: Clock, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -25,6 +25,7 @@ from common.settings.presets import PRESETS
 from learner.evaluation import offline
 from learner.evaluation.offline import evaluate, play
 from learner.evaluation.options import EvaluationOptions
+from learner.evaluation.results import summarise
 from tests.extending.whole_run import added
 from tests.patience import PATIENCE
 
@@ -196,13 +197,12 @@ def test_a_stop_shows_the_measures_whose_games_are_all_there(
 ) -> None:
     write(program, TELLS_ITS_CHANCES)
     stop = threading.Event()
-    whole = offline.summarise
 
-    def summarise(*found: Any) -> Any:
+    def stopping(*found: Any) -> Any:
         stop.set()  # once the first measure has all of its games
-        return whole(*found)
+        return summarise(*found)
 
-    monkeypatch.setattr(offline, "summarise", summarise)
+    monkeypatch.setattr("learner.evaluation.offline.summarise", stopping)
     console = Console(file=io.StringIO(), width=120, record=True)
     options = EvaluationOptions(games=2, headline=True)
     assert evaluate(program, options, CONFIG, ClockConfig(), stop, console) is None
