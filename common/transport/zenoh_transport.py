@@ -39,6 +39,8 @@ class ZenohTransport(AbstractContextManager["ZenohTransport"]):
         connects: whether this is a client, which connects again if its connection ends.
         """
         self.session = session
+        self.on_dropped: Callable[[str], None] = lambda key: None
+        """Called with the key of each request that a server here drops."""
         self._let_in = let_in
         self._declared: list[Closeable] = []
         self._watch = self.keep(LinkWatch(self._end_links)) if connects else None
@@ -61,7 +63,7 @@ class ZenohTransport(AbstractContextManager["ZenohTransport"]):
                 _log.warning("the others find out by themselves that this process ends: %s", error)
 
     def serve(self, key: str, answer: Answer) -> Closeable:
-        return self.keep(Service(self.session, key, answer))
+        return self.keep(Service(self.session, key, answer, lambda key: self.on_dropped(key)))
 
     def requester(self, key: str, deadline: float) -> Requester:
         return self.keep(ZenohRequester(self.session, key, deadline, self._watch))

@@ -10,7 +10,7 @@ from common.protocol.run_keys import RunKeys
 from common.transport import flood_guard
 from common.transport.flood_guard import CUT_OFF, FloodGuard, tolerated
 from common.transport.hub_sockets import Address
-from common.transport.interface import Requester, Transport
+from common.transport.interface import Request, Requester, Transport
 from common.transport.leaky_bucket import ACTOR_QUOTA
 from common.transport.zenoh_sessions import connect, open_hub
 from common.transport.zenoh_transport import ZenohTransport
@@ -21,12 +21,11 @@ MEGABYTE = bytes(2**20)
 
 
 class Crowd:
-    """A hub that takes 0.1 MB/s, and clients of it."""
+    """A hub that takes 0.1 MB/s, or ``most`` bytes/s, and clients of it."""
 
-    def __init__(self, stack: ExitStack, address: str, folder: Path) -> None:
+    def __init__(self, stack: ExitStack, address: str, folder: Path, most: float = 1e5) -> None:
         self._stack, self._address, self._folder = stack, address, folder
-        self.hub: ZenohTransport = stack.enter_context(open_hub(address, folder, 1e5))
-        self.hub.serve(KEYS.all, lambda _: b"ok")
+        self.hub: ZenohTransport = stack.enter_context(open_hub(address, folder, most))
 
     def actor(self, name: str) -> Requester:
         client = connect(self._address, PATIENCE, name=name, certificates=self._folder)
@@ -45,7 +44,9 @@ class Crowd:
 @pytest.fixture
 def crowd(address: str, named: Path) -> Iterator[Crowd]:
     with ExitStack() as stack:
-        yield Crowd(stack, address, named)
+        crowd = Crowd(stack, address, named)
+        crowd.hub.serve(KEYS.all, lambda _: b"ok")
+        yield crowd
 
 
 def flood(actor: Requester) -> None:
@@ -73,8 +74,33 @@ def test_who_floods_a_hub_is_cut_off_and_the_others_are_not(
     wait_until(lambda: not again.has_server, "the flooder is out again")
     assert (crowd.links("actor.right"), crowd.links("learner")) == before
     assert right.request(b"").result().payload == b"ok"
-    assert "actor.left sends more than 0 MB/s: its connections are ended for 60 s" in caplog.text
+    assert "actor.left sends more than 0 MB/s, or 0 requests/s that" in caplog.text
+    assert "its connections are ended for 60 s" in caplog.text
     assert caplog.text.count("sends more") == 1
+
+
+def test_who_asks_again_and_again_for_what_is_not_taken_is_cut_off(
+    address: str, named: Path
+) -> None:
+    def refuse(request: Request) -> bytes:
+        if request.key.endswith("left"):
+            return b"ok"
+        raise OSError("not now")
+
+    with ExitStack() as stack:
+        crowd = Crowd(stack, address, named, most=1e7)
+        crowd.hub.serve(KEYS.insert("*"), refuse)
+        left, right = crowd.actor("left"), crowd.actor("right")
+        before = crowd.links("actor.left")
+
+        def is_out() -> bool:
+            for _ in range(50):
+                right.request(b"").exception()
+            return not right.has_server
+
+        wait_until(is_out, "who asks too often is cut off")
+        assert crowd.links("actor.left") == before
+        assert left.request(b"").result().payload == b"ok"
 
 
 def test_who_floods_no_more_is_heard_again(crowd: Crowd, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -133,6 +159,19 @@ def test_an_actors_connections_count_together(links: Links) -> None:
         assert links.send(port, 200, 0.0) == []
     assert links.send(2, 1, 0.0) == [1, 2]
     assert links.send(3, 0, 0.0) == []
+
+
+def test_requests_that_are_not_taken_count_as_many_bytes(
+    links: Links, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(flood_guard, "_DROPPED", 10)
+    links.join("a", 1)
+    links.join("b", 2)
+    for name, count in (("a", 10), ("b", 31), ("unknown", 99)):
+        for _ in range(count):
+            links.guard.note_dropped(name)
+    assert links.send(1, 200) == [2]  # of 100 a second, and two seconds' at once
+    assert links.send(1, 1, 0.0) == [1]
 
 
 def test_a_connection_that_one_reading_misses_counts_only_what_is_new(links: Links) -> None:
