@@ -22,7 +22,6 @@ from replay.chunk_statistics import ReplayProgress
 from replay.messages import (
     HeldOutRequest,
     HeldOutStates,
-    Priorities,
     ProgressRequest,
     SampleRequest,
 )
@@ -31,12 +30,13 @@ AHEAD = 3
 """Number of minibatches that are requested in advance: enough to keep both sides busy, few enough
 to stay fresh."""
 MAX_PRIORITY_UPDATES = 64
-"""Maximum number of unanswered messages of priorities."""
+"""Maximum number of calls of `RemoteReplay.update_priorities` that wait for the next request."""
 DEADLINE = 5.0
 """Seconds without an answer after which the server counts as away."""
 LONG_DEADLINE = 60.0
 """The same for answers that a disk or tens of megabytes hold up: `Replay.sync`, and `held_out`."""
 _PAUSE_SECONDS = 0.2
+_NO_IDS, _NO_PRIORITIES = np.zeros(0, np.int64), np.zeros(0, np.float32)
 _log = logging.getLogger(__name__)
 _Answer = TypeVar("_Answer", bound=Message)
 
@@ -54,10 +54,8 @@ class RemoteReplay:
         self._batch_size = config.learning.batch_size
         self._going_well = False
         self._drawing = threading.Lock()
-        self._updating = threading.Lock()
-        quick = (keys.sample, keys.priorities, keys.progress)
-        self._sample, self._priorities, self._progress = (
-            transport.requester(key, DEADLINE) for key in quick
+        self._sample, self._progress = (
+            transport.requester(key, DEADLINE) for key in (keys.sample, keys.progress)
         )
         self._held_out, self._syncs = (
             transport.requester(key, LONG_DEADLINE) for key in (keys.held_out, keys.progress)
@@ -66,7 +64,10 @@ class RemoteReplay:
         """Only the transport closes it, because a checkpoint comes after a stop has closed the
         others."""
         self._draws: deque[Future[Envelope]] = deque()  # oldest first
-        self._priority_updates: deque[Future[Envelope]] = deque()
+        self._updates: deque[tuple[NDArray[np.int64], NDArray[np.float32]]] = deque(
+            maxlen=MAX_PRIORITY_UPDATES
+        )
+        """Steps and their new priorities that no request has told yet, oldest first."""
         self._closed = threading.Event()
 
     def sample(self, drawn: int, timeout: float) -> Batch | None:
@@ -75,14 +76,16 @@ class RemoteReplay:
         While batches come, `AHEAD` more are requested, each with the number of steps that will have
         been drawn when all earlier batches have come. So the limiter never releases more than it
         should. After an answer without a batch, one batch at a time is requested, with the true
-        number. Raises InputError if the server refuses the request, or sends a malformed answer.
+        number. Each request tells the priorities that are new since the one before. Raises
+        InputError if the server refuses the request, or sends a malformed answer.
         """
         ends = time.monotonic() + timeout
         with self._drawing:
             while not self._closed.is_set():
                 left = max(ends - time.monotonic(), 0.0)
                 for place in range(len(self._draws), 1 + AHEAD if self._going_well else 1):
-                    request = SampleRequest(drawn + place * self._batch_size, left)
+                    due = drawn + place * self._batch_size
+                    request = SampleRequest(due, left, *self._take_updates())
                     self._draws.append(self._sample.request(request.encode()))
                 if not wait([self._draws[0]], left).done:
                     return None
@@ -102,17 +105,20 @@ class RemoteReplay:
     def update_priorities(self, ids: NDArray[np.int64], priorities: NDArray[np.float32]) -> None:
         """See `Replay.update_priorities`.
 
-        It returns at once. Messages arrive in order. One is lost if the server is away, or if
-        `MAX_PRIORITY_UPDATES` earlier ones are unanswered because the server cannot keep up. That
-        costs only freshness: steps keep their priorities, or stay to be drawn, and a step that is
-        drawn again gets a new one. Raises InputError if the server refused an earlier message.
+        It returns at once: the next request for a minibatch tells them. They are lost if the server
+        is away then, or if so many others wait that `MAX_PRIORITY_UPDATES` are newer. That costs
+        only freshness: steps keep their priorities, or stay to be drawn, and a step that is drawn
+        again gets a new one.
         """
-        with self._updating:
-            while self._priority_updates and self._priority_updates[0].done():
-                _answer(self._priority_updates.popleft())
-            if len(self._priority_updates) < MAX_PRIORITY_UPDATES:
-                message = Priorities(ids, priorities)
-                self._priority_updates.append(self._priorities.request(message.encode()))
+        self._updates.append((ids, priorities))
+
+    def _take_updates(self) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
+        """Returns the ids of all steps with a new priority, and their priorities."""
+        told: list[tuple[NDArray[np.int64], NDArray[np.float32]]] = [(_NO_IDS, _NO_PRIORITIES)]
+        while self._updates:
+            told.append(self._updates.popleft())
+        ids, priorities = zip(*told, strict=True)
+        return np.concatenate(ids), np.concatenate(priorities)
 
     def held_out(
         self, count: int, newest: int | None = None
@@ -159,8 +165,7 @@ class RemoteReplay:
     def close(self) -> None:
         """Stops waiting for the server; the transport stays open."""
         self._closed.set()
-        quick = (self._sample, self._priorities, self._progress)
-        for requester in (*quick, self._held_out, self._syncs):
+        for requester in (self._sample, self._progress, self._held_out, self._syncs):
             requester.close()
 
     def _until_answered(self, requester: Requester, request: bytes) -> bytes:

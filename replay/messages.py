@@ -20,18 +20,15 @@ MAX_HELD_OUT = MAX_MESSAGE_BYTES // FRAME_BYTES
 
 @dataclass(frozen=True)
 class SampleRequest(Message):
-    """See `replay.interface.Replay.sample`."""
+    """See `replay.interface.Replay.sample`. It brings new priorities along, so that they need no
+    messages of their own."""
 
     drawn: Count
     timeout: Amount
-
-
-@dataclass(frozen=True)
-class Priorities(Message):
-    """New priorities of B steps, given by their ``ids``."""
-
     ids: Annotated[NDArray[np.int64], Array("B")]
+    """Ids of steps with a new priority."""
     priorities: Annotated[NDArray[np.float32], Array("B")]
+    """Their priorities; see `replay.interface.Replay.update_priorities`."""
 
 
 @dataclass(frozen=True)

@@ -25,7 +25,6 @@ from replay.messages import (
     NO_BATCH,
     HeldOutRequest,
     HeldOutStates,
-    Priorities,
     ProgressRequest,
     SampleRequest,
 )
@@ -72,7 +71,6 @@ class ReplayServer(AbstractContextManager["ReplayServer"]):
             keys.config: lambda _: self._announcement,
             keys.latest_weights: self._weights_asked,
             keys.sample: self._sample,
-            keys.priorities: self._priorities,
             keys.held_out: self._held_out,
             keys.progress: self._progress,
             keys.insert("*"): self._insert,
@@ -192,13 +190,10 @@ class ReplayServer(AbstractContextManager["ReplayServer"]):
 
     def _sample(self, request: Request) -> bytes:
         asked = SampleRequest.decode(request.payload)
+        if len(asked.ids):
+            self._buffer.update_priorities(asked.ids, asked.priorities)
         batch = self._buffer.sample_shared(asked.drawn, min(asked.timeout, LONGEST_WAIT))
         return NO_BATCH if batch is None else batch.encode()
-
-    def _priorities(self, request: Request) -> bytes:
-        asked = Priorities.decode(request.payload)
-        self._buffer.update_priorities(asked.ids, asked.priorities)
-        return b""
 
     def _held_out(self, request: Request) -> bytes:
         asked = HeldOutRequest.decode(request.payload)

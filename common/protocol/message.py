@@ -4,9 +4,9 @@ Codec and checks need nothing but its declaration. Scalars are checked by `commo
 against the dtype and the `Array` in their annotation::
 
     @dataclass(frozen=True)
-    class Priorities(Message):
-        ids: Annotated[NDArray[np.int64], Array("B")]
-        priorities: Annotated[NDArray[np.float32], Array("B")]
+    class HeldOutStates(Message):
+        frames: Annotated[NDArray[np.uint8], Array("N", "H", 84, 84)]
+        vectors: Annotated[NDArray[np.float32], Array("N", "P")]
 """
 
 import reprlib

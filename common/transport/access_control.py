@@ -22,7 +22,7 @@ _ANY = RunKeys("*")
 _LEARNER_ANSWERS = [_ANY.job("*"), _ANY.report("*"), _ANY.status]
 _LEARNER = {
     "query": [
-        *(_ANY.config, _ANY.sample, _ANY.priorities, _ANY.held_out, _ANY.progress),
+        *(_ANY.config, _ANY.sample, _ANY.held_out, _ANY.progress),
         *(_ANY.status, _ANY.view("*", "*"), _ANY.insert(DEMONSTRATIONS)),
     ],
     "put": [_ANY.weights, _ANY.stats("actor", DEMONSTRATIONS)],
@@ -55,8 +55,8 @@ def _of_replay(run: str) -> dict[str, list[str]]:
     """Returns the same for the replay of ``run`` at another run's hub."""
     keys = RunKeys(run)
     served = [
-        *(keys.config, keys.latest_weights, keys.sample, keys.priorities, keys.held_out),
-        *(keys.progress, keys.insert("*")),
+        *(keys.config, keys.latest_weights, keys.sample, keys.held_out, keys.progress),
+        keys.insert("*"),
     ]
     return {
         "query": [_ANY.config],
@@ -74,11 +74,11 @@ _MAX_BYTES: list[tuple[list[str], int, list[str]]] = [
         64 * _KIB,
         [
             *(_ANY.config, _ANY.latest_weights, _ANY.job("*"), _ANY.status, _ANY.view("*", "*")),
-            *(_ANY.sample, _ANY.held_out, _ANY.progress, _ANY.stats("*", "*"), _ANY.report("*")),
+            *(_ANY.held_out, _ANY.progress, _ANY.stats("*", "*"), _ANY.report("*")),
         ],
     ),
     (["reply"], 2 * MAX_VIEW_BYTES, [_ANY.view("*", "*")]),
-    (_TO_HUB, 4 * _KIB**2, [_ANY.priorities]),
+    (_TO_HUB, 4 * _KIB**2, [_ANY.sample]),
     (_TO_HUB, 32 * _KIB**2, [_ANY.insert("*")]),
 ]
 """Maximum size of incoming messages by kind and key: twice that of the longest that is sent. All

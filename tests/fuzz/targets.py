@@ -42,7 +42,6 @@ from replay.chunk_statistics import ReplayProgress
 from replay.messages import (
     HeldOutRequest,
     HeldOutStates,
-    Priorities,
     ProgressRequest,
     SampleRequest,
 )
@@ -174,10 +173,12 @@ class Targets:
         report = EvaluationReport("e", 1, 10, (Game(3.0, 9),), False)
         return {
             "insert": Target(chunks, self.answer(KEYS.insert("a"), KEYS.insert("*"))),
-            "sample": Target((SampleRequest(0, 0.0).encode(),), self._sample),
-            "priorities": Target(
-                (Priorities(np.arange(3), np.ones(3, np.float32)).encode(),),
-                self.answer(KEYS.priorities),
+            "sample": Target(
+                tuple(
+                    SampleRequest(0, 0.0, np.arange(told), np.ones(told, np.float32)).encode()
+                    for told in (0, 3)
+                ),
+                self._sample,
             ),
             "held_out": Target(
                 (HeldOutRequest(2).encode(), HeldOutRequest(2, 2).encode()),

@@ -18,7 +18,7 @@ from tests.fuzz.targets import REFUSED, Target, Targets
 from tests.paths import ROOT
 
 NAMES = (
-    "insert", "sample", "priorities", "held_out", "progress", "job", "report", "view", "stats",
+    "insert", "sample", "held_out", "progress", "job", "report", "view", "stats",
     "version", "weights", "ack", "announcement", "batch", "held_out_states", "progress_told",
     "job", "live_view", "run_status", "signature", "seal",
 )  # fmt: skip
@@ -36,7 +36,7 @@ def test_every_target_has_a_name_here(targets: Targets) -> None:
     assert set(NAMES) == set(targets.all)
     served = {*targets.transport.answers, *targets.transport.callbacks}
     assert {key.split("/")[2] for key in served} == {
-        *("config", "insert", "latest_weights", "sample", "priorities", "held_out", "progress"),
+        *("config", "insert", "latest_weights", "sample", "held_out", "progress"),
         *("job", "report", "view", "stats", "weights"),
     }, "a new key expression needs a target"
 

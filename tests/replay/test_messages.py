@@ -19,7 +19,6 @@ from replay.chunk_statistics import ChunkStatistics, ReplayProgress
 from replay.messages import (
     HeldOutRequest,
     HeldOutStates,
-    Priorities,
     ProgressRequest,
     SampleRequest,
 )
@@ -158,7 +157,6 @@ def test_statistics_of_other_kinds_are_refused(bad: Any) -> None:
 
 def test_requests_come_through_whole() -> None:
     for request in (
-        SampleRequest(640, 0.5),
         HeldOutRequest(9),
         HeldOutRequest(9, 40),
         ProgressRequest(3, 640),
@@ -170,7 +168,8 @@ def test_requests_come_through_whole() -> None:
 @given(hnp.arrays(np.float32, st.integers(0, 9), elements=st.floats(0, 1, width=32)))
 def test_priorities_come_through_whole(priorities: Any) -> None:
     ids = np.arange(len(priorities)) + 2**40
-    found = Priorities.decode(Priorities(ids, priorities).encode())
+    found = SampleRequest.decode(SampleRequest(640, 0.5, ids, priorities).encode())
+    assert (found.drawn, found.timeout) == (640, 0.5)
     np.testing.assert_array_equal(found.ids, ids)
     np.testing.assert_array_equal(found.priorities, priorities)
 
@@ -186,7 +185,6 @@ KINDS: list[type[Message]] = [
     SharedBatch,
     ReplayProgress,
     SampleRequest,
-    Priorities,
     HeldOutRequest,
     HeldOutStates,
     ProgressRequest,

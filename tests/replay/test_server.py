@@ -31,7 +31,6 @@ from replay.client import AHEAD, MAX_PRIORITY_UPDATES, RemoteReplay
 from replay.messages import (
     NO_BATCH,
     HeldOutStates,
-    Priorities,
     ProgressRequest,
     SampleRequest,
 )
@@ -103,11 +102,9 @@ def test_what_is_inserted_is_acknowledged_drawn_and_counted(place: Place) -> Non
         assert (batch.s_tm1[at, -1] == chunk.frames[id_]).all()
         assert batch.a_tm1[at] == chunk.actions[id_]
     place.remote.update_priorities(np.arange(21), np.eye(21, dtype=np.float32)[7] * 1e9)
-    for _ in until_late():  # priorities go their own way
+    for _ in range(1 + AHEAD):  # as many were asked for before
         batch = place.remote.sample(16, PATIENCE)
         assert batch is not None
-        if set(batch.ids.tolist()) == {7}:
-            break
     assert set(batch.ids.tolist()) == {7}
     frames, vectors = place.remote.held_out(2)
     assert len(frames) == len(vectors) <= 2
@@ -296,7 +293,7 @@ def test_junk_is_answered_and_counted_and_the_server_goes_on(place: Place) -> No
             refused += 1
     assert refused > 60
     assert place.buffer.progress(0).refused == refused
-    for key in (KEYS.sample, KEYS.priorities, KEYS.held_out, KEYS.progress):
+    for key in (KEYS.sample, KEYS.held_out, KEYS.progress):
         for message in (b"", b"\x81", good, pack({}), pack({"count": -1, "drawn": 2**63})):
             with pytest.raises(MessageError):
                 ask(place.client, key, message)
@@ -578,45 +575,36 @@ def test_a_slow_disk_has_more_time_than_other_answers_until_a_stop(
     slow.asked.close()
 
 
-def test_priorities_are_told_in_order_and_only_so_many_without_an_answer(
-    place: Place, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    # Or, on a slow machine, the first would be given up before the last is told.
-    monkeypatch.setattr("replay.client.DEADLINE", PATIENCE)
-    remote = RemoteReplay(place.client, KEYS, make_config())
+def test_the_next_request_tells_the_newest_priorities_in_order(place: Place) -> None:
     place.server.close()
-    heard = PendingRequests(place.client, KEYS.priorities)
-    for number in range(MAX_PRIORITY_UPDATES + 5):
-        remote.update_priorities(np.array([number]), np.ones(1, np.float32))
-    told = []
-    for request in [heard.next() for _ in range(MAX_PRIORITY_UPDATES)]:
-        told += Priorities.decode(request.payload).ids.tolist()
-        request.reply(b"")
-    assert not list(heard.waiting())
-    for _ in until_late():  # heard again, once it is known that the others were heard
-        remote.update_priorities(np.array([1_000]), np.ones(1, np.float32))
-        if list(heard.waiting()):
+    heard = PendingRequests(place.client, KEYS.sample)
+    for _ in until_late():
+        place.remote.sample(0, 0.1)
+        if known := list(heard.waiting()):
             break
-    else:
-        raise AssertionError("not heard again")
-    remote.close()
+    for request in known:
+        request.reply(NO_BATCH)
+    place.remote.sample(0, 0.0)  # takes the answer
+    for number in range(MAX_PRIORITY_UPDATES + 5):
+        place.remote.update_priorities(np.array([number, 7]), np.array([number, 0.5], np.float32))
+    told = []
+    for _ in range(2):
+        assert place.remote.sample(0, 0.1) is None
+        request = heard.next()
+        asked = SampleRequest.decode(request.payload)
+        told.append(list(zip(asked.ids.tolist(), asked.priorities.tolist(), strict=True)))
+        request.reply(NO_BATCH)
+        place.remote.sample(0, 0.0)  # takes the answer
     heard.close()
-    assert told == list(range(MAX_PRIORITY_UPDATES))
+    newest = range(5, MAX_PRIORITY_UPDATES + 5)
+    assert told == [[pair for number in newest for pair in ((number, number), (7, 0.5))], []]
 
 
-def test_refused_priorities_are_told_at_a_later_call(place: Place) -> None:
-    ids, ones = np.arange(1), np.ones(1, np.float32)
-
-    def later() -> None:
-        for _ in until_late():
-            place.remote.update_priorities(ids, ones)
-
-    place.remote.update_priorities(ids, -ones)
+def test_refused_priorities_are_told_at_the_next_draw(place: Place) -> None:
+    place.remote.update_priorities(np.arange(1), -np.ones(1, np.float32))
     with pytest.raises(InputError, match=r"not be negative\): start both from the same version"):
-        later()
-    later_on = place.remote.progress(0)
-    place.remote.update_priorities(ids, ones)
-    assert later_on.refused == 0  # it was no chunk
+        place.remote.sample(0, PATIENCE)
+    assert place.remote.progress(0).refused == 0  # it was no chunk
 
 
 def test_batches_under_way_to_a_server_that_dies_are_asked_for_again(place: Place) -> None:
@@ -686,7 +674,8 @@ def test_a_draw_waits_no_longer_than_the_server_lets_it(
 ) -> None:
     """Python itself waits for no more than 292 years, and raises if it is asked to."""
     monkeypatch.setattr("replay.server.LONGEST_WAIT", 0.05)
-    assert ask(place.client, KEYS.sample, SampleRequest(0, 1e308).encode()) == NO_BATCH
+    endless = SampleRequest(0, 1e308, np.zeros(0, np.int64), np.zeros(0, np.float32))
+    assert ask(place.client, KEYS.sample, endless.encode()) == NO_BATCH
 
 
 def test_weights_that_no_actor_would_take_are_passed_over(

@@ -34,7 +34,6 @@ def all_keys(run: str) -> list[str]:
         keys.config,
         keys.insert("a"),
         keys.sample,
-        keys.priorities,
         keys.held_out,
         keys.progress,
         keys.weights,

@@ -29,7 +29,7 @@ from common.protocol.wire import SCHEMA
 from common.settings.config import RunConfig
 from tests.paths import ROOT
 
-DECLARED = (10, "3aff05d67423fdf5")
+DECLARED = (10, "3d2b0fcb0378303e")
 """A schema, and the digest of its messages."""
 
 

@@ -64,7 +64,6 @@ QUERIES = {
     "job": KEYS.job("a"),
     "report": KEYS.report("a"),
     "sample": KEYS.sample,
-    "priorities": KEYS.priorities,
     "held_out": KEYS.held_out,
     "progress": KEYS.progress,
     "status": KEYS.status,
@@ -76,7 +75,7 @@ QUERIES = {
     ("role", "allowed"),
     [
         ("actor", {"config", "insert", "latest_weights", "job", "report"}),
-        ("learner", {"config", "sample", "priorities", "held_out", "progress", "status", "view"}),
+        ("learner", {"config", "sample", "held_out", "progress", "status", "view"}),
     ],
 )
 def test_each_role_is_answered_what_it_may_ask(
@@ -403,7 +402,7 @@ def test_a_replay_at_the_hub_of_another_run_answers_for_its_own_alone(
 ) -> None:
     def served(keys: RunKeys) -> list[str]:
         inserts, own = keys.insert("*"), (keys.config, keys.latest_weights, keys.sample)
-        return [*own, keys.priorities, keys.held_out, keys.progress, inserts]
+        return [*own, keys.held_out, keys.progress, inserts]
 
     for key in (*served(KEYS), KEYS.job("*"), OTHER.job("*"), *served(OTHER)):
         other_replay.serve(key, lambda request: request.key.encode())
@@ -414,7 +413,7 @@ def test_a_replay_at_the_hub_of_another_run_answers_for_its_own_alone(
         insert, weights = OTHER.insert("a"), OTHER.latest_weights
         wait_until(lambda: ask(actor, insert) == [insert.encode()], "it answers")
         assert ask(actor, weights) == [weights.encode()]
-        for key in (OTHER.sample, OTHER.priorities, OTHER.held_out, OTHER.progress):
+        for key in (OTHER.sample, OTHER.held_out, OTHER.progress):
             assert ask(learner, key) == [key.encode()]
         runs = RunKeys("*").config
         wait_until(
@@ -427,7 +426,7 @@ def test_a_replay_at_the_hub_of_another_run_answers_for_its_own_alone(
         )
         for key in (KEYS.insert("a"), KEYS.latest_weights, KEYS.job("a"), OTHER.job("a")):
             assert ask(actor, key, b"", 0.2) == []
-        for key in (KEYS.sample, KEYS.priorities, KEYS.held_out, KEYS.progress):
+        for key in (KEYS.sample, KEYS.held_out, KEYS.progress):
             assert ask(learner, key, b"", 0.2) == []
 
 

@@ -66,9 +66,9 @@ def test_who_floods_a_hub_is_cut_off_and_the_others_are_not(
     assert right.request(b"").result().payload == b"ok"
     before = crowd.links("actor.right"), crowd.links("learner")
     assert list(map(len, before)) == [1, 1]
-    priorities = learner.requester(KEYS.priorities, PATIENCE)
+    samples = learner.requester(KEYS.sample, PATIENCE)
     for _ in range(3):
-        assert priorities.request(MEGABYTE).result().payload == b"ok"
+        assert samples.request(MEGABYTE).result().payload == b"ok"
     flood(left)
     again = crowd.actor("left")  # is let in, and out at once, although it sends nothing
     wait_until(lambda: not again.has_server, "the flooder is out again")

@@ -304,9 +304,9 @@ def test_requests_that_nobody_gets_to_answer_hold_up_nothing_else(
         return request.payload
 
     zenoh_hub.serve(keys.insert("a"), answer)
-    zenoh_hub.serve(keys.priorities, lambda _: b"at once")
+    zenoh_hub.serve(keys.progress, lambda _: b"at once")
     stalled = zenoh_client.requester(keys.insert("a"), PATIENCE)
-    other = zenoh_client.requester(keys.priorities, PATIENCE)
+    other = zenoh_client.requester(keys.progress, PATIENCE)
     wait_until(lambda: stalled.has_server and other.has_server, "both are served")
     try:
         answers = [stalled.request(b"0")]
@@ -384,8 +384,8 @@ _RUN = RunKeys("r")
 @pytest.mark.parametrize(
     ("key", "most"),
     [
-        *((key, 2**16) for key in (_RUN.sample, _RUN.held_out, _RUN.report("e"))),
-        (_RUN.priorities, 2**22),
+        *((key, 2**16) for key in (_RUN.held_out, _RUN.report("e"))),
+        (_RUN.sample, 2**22),
         (_RUN.insert("a"), 2**25),
     ],
 )
