@@ -42,12 +42,13 @@ class Batch(NamedTuple):
 
 def _take_drawn(packed: Any, info: ValidationInfo[Any]) -> dict[str, NDArray[Any]]:
     """Returns the arrays of `SharedBatch.drawn`; see `Array.take`."""
-    fields, (sizes, limits) = drawn_fields(), info.context
+    fields, taking = drawn_fields(), info.context
     if not isinstance(packed, dict) or packed.keys() != fields.keys():
         raise MessageError(f"drawn should be the fields {', '.join(fields) or 'none'}")
-    sizes["T"] = sizes.get("B", 0)  # without B, the other fields are missing too, and refused
+    # Without B, the other fields are missing too, and refused.
+    taking.sizes["T"] = taking.sizes.get("B", 0)
     return {
-        name: field.array.take(packed[name], name, field.dtype, sizes, limits)
+        name: field.array.take(packed[name], name, field.dtype, taking)
         for name, field in fields.items()
     }
 

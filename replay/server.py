@@ -18,7 +18,7 @@ from common.protocol.run_keys import DEMONSTRATIONS, RunKeys, name_in
 from common.protocol.step_fields import FRAME_BYTES
 from common.protocol.wire import MAX_MESSAGE_BYTES, decode_version
 from common.run.announcement import Announcement
-from common.settings.config import RunConfig
+from common.settings.config import MAX_CHUNK_STEPS, RunConfig
 from common.transport.interface import Answer, Envelope, Request, Transport
 from common.transport.leaky_bucket import ACTOR_QUOTA, LeakyBucket
 from replay.messages import (
@@ -106,13 +106,16 @@ class ReplayServer(AbstractContextManager["ReplayServer"]):
         if not request.payload:
             self._polls.put(request)
             return None
+        steps = MAX_CHUNK_STEPS  # of a malformed one, which may take as long to decompress
         try:
             chunk = self._chunk_in(request.payload, actor)
-            self._quota.charge(actor, _least_steps(request), len(chunk), new=new)
+            steps = len(chunk)
             return self._ack_of(chunk).encode()
         except MessageError as error:
             _log.warning("a chunk of %s was refused: %s", actor, error)
             raise
+        finally:
+            self._quota.charge(actor, _least_steps(request), steps, new=new)
 
     def _admits(self, actor: str, request: Request) -> bool:
         """Whether the request is within the actor's turn and quota, judged before it is read: then

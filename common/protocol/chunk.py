@@ -36,7 +36,12 @@ class Chunk(StepFields, Message):
     """Steps ``t = 0 … T-1``, which continue the previous chunk's episode unless ``context`` is
     empty."""
 
-    LIMITS: ClassVar = {"T": (1, MAX_CHUNK_STEPS), "P": (0, MAX_VECTOR), "C": (0, MAX_CONTEXT)}
+    LIMITS: ClassVar = {
+        "T": (1, MAX_CHUNK_STEPS),
+        "P": (0, MAX_VECTOR),
+        "C": (0, MAX_CONTEXT),
+        "F": (0, MAX_CHUNK_STEPS),
+    }
 
     run_id: str
     actor: Name

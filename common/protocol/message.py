@@ -11,6 +11,7 @@ against the dtype and the `Array` in their annotation::
 
 import reprlib
 from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Any, ClassVar, Self, get_args
 
 import numpy as np
@@ -20,7 +21,19 @@ from pydantic_core import CoreSchema, core_schema
 
 from common.checked import Invalid, build
 from common.errors import MessageError
-from common.protocol.wire import pack, unpack
+from common.protocol.wire import MAX_MESSAGE_BYTES, bytes_of, pack, unpack
+
+
+@dataclass
+class Taking:
+    """What is known of a message while its arrays are taken, one after the other."""
+
+    limits: Mapping[str, tuple[int, int]]
+    """See `Message.LIMITS`."""
+    sizes: dict[str, int] = field(default_factory=dict)
+    """By letter, its size in the arrays so far."""
+    room: int = MAX_MESSAGE_BYTES
+    """Maximum size of the arrays that are left, in bytes."""
 
 
 class Array:
@@ -42,7 +55,7 @@ class Array:
         dtype = dtype_of(source)
 
         def take(packed: Any, info: ValidationInfo[Any]) -> NDArray[Any]:
-            return self.take(packed, str(info.field_name), dtype, *info.context)
+            return self.take(packed, str(info.field_name), dtype, info.context)
 
         return core_schema.with_info_plain_validator_function(take)
 
@@ -51,18 +64,18 @@ class Array:
         packed: Any,
         name: str,
         dtype: np.dtype[Any],
-        sizes: dict[str, int],
-        limits: Mapping[str, tuple[int, int]],
+        taking: Taking,
     ) -> NDArray[Any]:
-        """Returns the array in ``packed`` (read-only, not copied), and adds the sizes of its
-        letters to ``sizes``. Raises MessageError if the array is not as declared, or breaks a bound
-        or limit."""
+        """Returns the array in ``packed``, read-only, and notes its sizes in ``taking``. It is
+        copied only if it was compressed. Raises MessageError if the array is not as declared, or
+        breaks a bound or limit."""
+        sizes, limits = taking.sizes, taking.limits
         if not isinstance(packed, dict):
             raise MessageError(f"{name} should be an array")
         if packed.get("dtype") != dtype.str:
             told = reprlib.repr(packed.get("dtype"))
             raise MessageError(f"{name} should be {dtype.str}, is {told}")
-        found, data, count = packed.get("shape"), packed.get("data"), 1
+        found, count = packed.get("shape"), 1
         if not isinstance(found, list) or len(found) != len(self.shape):
             told = reprlib.repr(found)
             raise MessageError(f"{name} has shape {told} where {self.shape} is expected")
@@ -77,8 +90,13 @@ class Array:
                 if not least <= size <= most:
                     raise MessageError(f"{letter} is {size} where {least} to {most} are allowed")
             count *= size
-        if not isinstance(data, bytes) or len(data) != count * dtype.itemsize:
-            raise MessageError(f"{name} does not hold the bytes of its shape")
+        taking.room -= count * dtype.itemsize
+        if taking.room < 0:
+            raise MessageError(f"{name} is over the bound of {MAX_MESSAGE_BYTES} bytes")
+        try:
+            data = bytes_of(packed.get("data"), count * dtype.itemsize)
+        except MessageError as error:
+            raise MessageError(f"{name} holds {error}") from None
         array: NDArray[Any] = np.frombuffer(data, dtype).reshape(found)
         if dtype == np.bool_ and data.strip(b"\0\1"):
             raise MessageError(f"{name} should be booleans")
@@ -113,7 +131,7 @@ class Message:
         fields = unpack(payload)
         del fields["schema"]
         try:
-            message = build(cls, fields, context=({}, cls.LIMITS))
+            message = build(cls, fields, context=Taking(cls.LIMITS))
         except Invalid as error:
             raise MessageError(str(error)) from None
         message.check()

@@ -28,10 +28,8 @@ MAX_ITEMS = 10_000
 """Maximum number of items of one list or map."""
 _MAX_VALUES = 200_000
 """Maximum number of lists, maps and their items in a whole message."""
-_COMPRESSED = 1
-"""Code of msgpack's extension type for compressed bytes: their size in 4 bytes, little-endian, and
-an LZ4 block."""
-_SIZE_BYTES = 4
+_LZ4 = 1
+"""Code of msgpack's extension type for a block of LZ4."""
 _COMPRESSED_FROM = 4_096
 """Minimum size in bytes of an array that is compressed."""
 
@@ -58,14 +56,13 @@ def pack(message: dict[str, Any]) -> bytes:
 
 
 def unpack(payload: bytes) -> dict[str, Any]:
-    """Returns the map in ``payload``, with arrays still as raw bytes.
+    """Returns the map in ``payload``, with arrays still as raw bytes, or compressed.
 
     The number of values is bounded, because a list or map of one byte takes 60 bytes or more as an
-    object; and so is the size of all that is decompressed. Raises MessageError if the payload is
-    not msgpack, is too large, has too many values, is not a map, or has another schema.
+    object. Raises MessageError if the payload is not msgpack, is too large, has too many values, is
+    not a map, or has another schema.
     """
-    whole = len(payload)
-    _check_size(whole)
+    _check_size(len(payload))
     left = _MAX_VALUES
 
     def count(container: Any) -> Any:
@@ -75,28 +72,21 @@ def unpack(payload: bytes) -> dict[str, Any]:
             raise ValueError(f"more than {_MAX_VALUES} values")
         return container
 
-    def decompress(code: int, data: bytes) -> bytes:
-        nonlocal whole
-        size = int.from_bytes(data[:_SIZE_BYTES], "little")
-        if code != _COMPRESSED or len(data) <= _SIZE_BYTES or not size:
-            raise ValueError(f"an extension of type {code} and {len(data)} bytes")
-        whole += size - len(data)
-        _check_size(whole)  # before memory is taken for it
-        found: bytes = lz4.decompress(data)  # which checks the size that data begins with
-        return found
+    def block(code: int, data: bytes) -> msgpack.ExtType:
+        if code != _LZ4:
+            raise ValueError(f"an extension of type {code}")
+        return msgpack.ExtType(code, data)
 
     try:
         message = msgpack.unpackb(
             payload,
             object_hook=count,
             list_hook=count,
-            ext_hook=decompress,
+            ext_hook=block,
             max_array_len=MAX_ITEMS,
             max_map_len=MAX_ITEMS,
         )
-    except MessageError:
-        raise
-    except (ValueError, msgpack.UnpackException, lz4.LZ4BlockError) as error:
+    except (ValueError, msgpack.UnpackException) as error:
         raise MessageError(f"not msgpack: {error}") from None
     if not isinstance(message, dict) or not all(isinstance(key, str) for key in message):
         raise MessageError("not a map with text keys")
@@ -119,10 +109,23 @@ def pack_array(array: NDArray[Any]) -> dict[str, Any]:
     data = plain.data.cast("B") if plain.size else b""
     packed = {"dtype": plain.dtype.str, "shape": list(array.shape), "data": data}
     if plain.nbytes >= _COMPRESSED_FROM:
-        compressed = lz4.compress(data)
+        compressed = lz4.compress(data, store_size=False)
         if len(compressed) < plain.nbytes:
-            packed["data"] = msgpack.ExtType(_COMPRESSED, compressed)
+            packed["data"] = msgpack.ExtType(_LZ4, compressed)
     return packed
+
+
+def bytes_of(data: Any, size: int) -> bytes:
+    """Returns the ``size`` bytes in ``data``, the field of `pack_array`. Raises MessageError if it
+    holds anything else."""
+    if isinstance(data, msgpack.ExtType):
+        try:
+            data = lz4.decompress(data.data, uncompressed_size=size)
+        except (ValueError, lz4.LZ4BlockError) as error:
+            raise MessageError(f"not a block of LZ4: {error}") from None
+    if not isinstance(data, bytes) or len(data) != size:
+        raise MessageError("not the bytes of its shape")
+    return data
 
 
 def encode_version(version: int, run_id: str, signature: bytes = b"") -> bytes:

@@ -198,6 +198,22 @@ def test_an_actor_over_its_quota_waits_alone_and_loses_nothing(
     ]
 
 
+def test_a_malformed_chunk_counts_as_much_as_the_longest(
+    place: Place, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It may have taken as long to decompress."""
+    monkeypatch.setattr(
+        replay_server, "LeakyBucket", lambda per_second: LeakyBucket(per_second, lambda: 0.0)
+    )
+    place.server.close()
+    place.server = ReplayServer(place.hub, place.buffer, make_config(), RUN, quota=1_024)
+    for _ in range(2):  # a second's come at once, and the one that is more is paid for
+        with pytest.raises(MessageError, match="not msgpack"):
+            ask(place.client, KEYS.insert("a"), b"\x81")
+    with pytest.raises(Unanswered):
+        ask(place.client, KEYS.insert("a"), b"\x81")
+
+
 def test_polls_count_as_steps(place: Place, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(
         replay_server, "LeakyBucket", lambda per_second: LeakyBucket(per_second, lambda: 0.0)
@@ -276,6 +292,8 @@ def test_of_another_run_neither_chunks_nor_weights_nor_learners_are_taken(
 
 
 def test_junk_is_answered_and_counted_and_the_server_goes_on(place: Place) -> None:
+    place.server.close()
+    place.server = ReplayServer(place.hub, place.buffer, make_config(), RUN, quota=1e9)
     dice = random.Random(0)
     actor = Actor("a", 4)
     good = actor.live([GOES_ON, TERMINATES], np.random.default_rng(0)).encode()

@@ -20,7 +20,11 @@ NUMBERS = ["incarnation", "stream", "sequence", "weights_version"]
 
 
 def message_of(chunk: Chunk) -> dict[str, Any]:
-    return unpack(chunk.encode())
+    """What travels, but for its arrays, which are not compressed here."""
+    message = unpack(chunk.encode())
+    for name in ARRAYS:
+        message[name]["data"] = getattr(chunk, name).tobytes()
+    return message
 
 
 def refused(message: dict[str, Any], match: str | None = None) -> None:

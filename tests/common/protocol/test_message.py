@@ -1,19 +1,24 @@
 """Arrays of messages: what goes in comes out, and what is not as declared is refused."""
 
+import tracemalloc
+from dataclasses import dataclass
 from types import GenericAlias
-from typing import Any, TypeVar
+from typing import Annotated, Any, ClassVar, TypeVar
 
+import lz4.block
+import msgpack
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from common.errors import MessageError
-from common.protocol.message import Array, dtype_of
-from common.protocol.wire import pack, pack_array, unpack
+from common.protocol.message import Array, Message, Taking, dtype_of
+from common.protocol.wire import SCHEMA, pack, pack_array, unpack
 
 
 def taken(packed: Any, dtype: Any, *shape: int | str, **sizes: int) -> NDArray[Any]:
-    return Array(*shape, most=1e9).take(packed, "field", np.dtype(dtype), sizes, {"N": (0, 9)})
+    taking = Taking({"N": (0, 9)}, sizes)
+    return Array(*shape, most=1e9).take(packed, "field", np.dtype(dtype), taking)
 
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.bool_, np.int64, np.float32])
@@ -110,6 +115,54 @@ def test_a_letter_has_limits() -> None:
         taken(unpack(pack({"a": ten}))["a"], np.float32, "N", 1)
 
 
+@dataclass(frozen=True)
+class Frames(Message):
+    LIMITS: ClassVar = {"T": (0, 100)}
+
+    one: Annotated[NDArray[np.uint8], Array("T", 2**20)]
+    two: Annotated[NDArray[np.uint8], Array("U", 2**20)]
+
+
+def test_large_arrays_come_out_as_they_went_in() -> None:
+    rng = np.random.default_rng(1)
+    sent = Frames(*(rng.integers(top, size=(2, 2**20), dtype=np.uint8) for top in (2, 256)))
+    payload = sent.encode()
+    assert len(payload) < 1.5 * sent.two.nbytes
+    found = Frames.decode(payload)
+    for name in ("one", "two"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(sent, name))
+        assert not getattr(found, name).flags.writeable
+
+
+@pytest.mark.parametrize(
+    ("one", "two", "match"),
+    [
+        (40, 25, "two is over the bound of 67108864 bytes"),
+        (65, 0, "one is over the bound of 67108864 bytes"),
+        (101, 0, "T is 101 where 0 to 100 are allowed"),
+        (2**31 - 1, 0, "T is 2147483647 where 0 to 100 are allowed"),
+        (0, 2**31 - 1, "two is over the bound of 67108864 bytes"),
+    ],
+)
+def test_a_small_message_cannot_take_much_memory(one: int, two: int, match: str) -> None:
+    """A block of LZ4 may be 255 times as large when it is decompressed."""
+
+    def packed(rows: int) -> dict[str, Any]:
+        block = lz4.block.compress(bytes(min(rows, 70) * 2**20), store_size=False)
+        return {"dtype": "|u1", "shape": [rows, 2**20], "data": msgpack.ExtType(1, block)}
+
+    payload = msgpack.packb({"schema": SCHEMA, "one": packed(one), "two": packed(two)})
+    assert len(payload) < 600_000
+    tracemalloc.start()
+    try:
+        with pytest.raises(MessageError, match=match):
+            Frames.decode(payload)
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert peak < 2.2 * (min(one, 40) + 1) * 2**20  # of the first alone, which lz4 copies once
+
+
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 1.001e9, -1.001e9, 3e38])
 def test_floats_are_finite_and_bounded(value: float) -> None:
     packed = unpack(pack({"a": pack_array(np.array([0, value, 0], np.float32))}))["a"]
@@ -130,5 +183,5 @@ def test_a_deep_list_in_an_array_is_refused_in_brief(depth: int) -> None:
     good = {"dtype": "<i8", "shape": [0], "data": b""}
     for wrong in ({"dtype": deep}, {"shape": deep}, {"shape": [deep]}, {"shape": [deep, deep]}):
         with pytest.raises(MessageError) as refused:
-            Array("B").take({**good, **wrong}, "ids", np.dtype(np.int64), {}, {})
+            Array("B").take({**good, **wrong}, "ids", np.dtype(np.int64), Taking({}))
         assert len(str(refused.value)) < 200

@@ -29,7 +29,7 @@ from common.protocol.wire import SCHEMA
 from common.settings.config import RunConfig
 from tests.paths import ROOT
 
-DECLARED = (10, "3d2b0fcb0378303e")
+DECLARED = (10, "5def849c43656fd8")
 """A schema, and the digest of its messages."""
 
 
