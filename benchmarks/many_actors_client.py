@@ -39,8 +39,8 @@ class Crowd:
             member = Member(name, transport, keys, config, _PATIENCE, threading.Event())
             self._clients.append(InsertClient(member))
         self._steps = config.stream.chunk_steps
-        self._chunks = camera_chunks(keys.run_id, names, config)
         self._join_seconds = time.monotonic() - began
+        self._chunks = camera_chunks(keys.run_id, names, config)
 
     def join_seconds(self) -> float:
         return self._join_seconds

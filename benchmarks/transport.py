@@ -36,7 +36,7 @@ class Options(BenchmarkOptions):
     paced: FromOne = 20_000
     """Steps per second of all senders together, in measurements at a fixed pace."""
     sampler: Literal["uniform", "prioritised"] = "prioritised"
-    """Sampler of the batches; prioritised batches also get new priorities, by one more RPC."""
+    """Sampler of the batches; prioritised batches also get new priorities."""
 
 
 class Exchange(HostedRun):
@@ -70,8 +70,8 @@ class Exchange(HostedRun):
                 stack.enter_context(self._client(role, window or self._options.window))
                 for role in roles
             ]
-            for client in clients:
-                client.ask("wait")
+            for client, role in zip(clients, roles, strict=True):
+                client.ask("prepare", role)
             for client, role in zip(clients, roles, strict=True):
                 given = (pace,) if role == "send" else ()
                 client.begin(role, self._options.seconds, *given)

@@ -83,8 +83,10 @@ class Client:
         self._config = replace(config, stream=replace(config.stream, window=window))
         self._name = name
 
-    def wait(self) -> None:
-        """Does nothing: its return tells that the process has joined."""
+    def prepare(self, role: str) -> None:
+        """Makes the chunks of a sender; its return tells that this process has joined."""
+        if role == "send":
+            self._chunks = camera_chunks(self._keys.run_id, (self._name,), self._config)
 
     def send(self, seconds: float, pace: float | None) -> dict[str, Any]:
         """Encodes and sends chunks as fast as the window allows; returns the counts.
@@ -99,7 +101,7 @@ class Client:
                 *(_PATIENCE, threading.Event()),
             )
         )
-        chunks = camera_chunks(self._keys.run_id, (self._name,), self._config)
+        chunks = self._chunks
         steps = self._config.stream.chunk_steps
         due = time.perf_counter()
 

@@ -20,6 +20,7 @@ from common.transport.interface import Envelope, Requester, Transport, Unanswere
 from replay.batch import Batch, SharedBatch
 from replay.chunk_statistics import ReplayProgress
 from replay.messages import (
+    MAX_PRIORITIES,
     HeldOutRequest,
     HeldOutStates,
     ProgressRequest,
@@ -105,10 +106,10 @@ class RemoteReplay:
     def update_priorities(self, ids: NDArray[np.int64], priorities: NDArray[np.float32]) -> None:
         """See `Replay.update_priorities`.
 
-        It returns at once: the next request for a minibatch tells them. They are lost if the server
-        is away then, or if so many others wait that `MAX_PRIORITY_UPDATES` are newer. That costs
-        only freshness: steps keep their priorities, or stay to be drawn, and a step that is drawn
-        again gets a new one.
+        It returns at once: the next request for a minibatch tells them, after those that are under
+        way, or else `close`. They are lost if the server is away then, or if `MAX_PRIORITY_UPDATES`
+        calls or `MAX_PRIORITIES` steps are newer. That costs only freshness: steps keep their
+        priorities, or stay to be drawn, and a step that is drawn again gets a new one.
         """
         self._updates.append((ids, priorities))
 
@@ -118,7 +119,8 @@ class RemoteReplay:
         while self._updates:
             told.append(self._updates.popleft())
         ids, priorities = zip(*told, strict=True)
-        return np.concatenate(ids), np.concatenate(priorities)
+        newest = slice(-MAX_PRIORITIES, None)
+        return np.concatenate(ids)[newest], np.concatenate(priorities)[newest]
 
     def held_out(
         self, count: int, newest: int | None = None
@@ -163,8 +165,12 @@ class RemoteReplay:
             ) from None
 
     def close(self) -> None:
-        """Stops waiting for the server; the transport stays open."""
+        """Stops waiting for the server, and tells it the last priorities; the transport stays
+        open."""
         self._closed.set()
+        if self._updates:  # by a request that the limiter gives no minibatch
+            request = SampleRequest(MAX_COUNT, 0.0, *self._take_updates())
+            self._sample.request(request.encode())
         for requester in (self._sample, self._progress, self._held_out, self._syncs):
             requester.close()
 

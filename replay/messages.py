@@ -1,7 +1,7 @@
 """Messages between `RemoteReplay` and `ReplayServer`, except batches and progress."""
 
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 import numpy as np
 from annotated_types import Ge, Le
@@ -16,12 +16,16 @@ NO_BATCH = b""
 """The answer to a draw for which the limiter releases no batch."""
 MAX_HELD_OUT = MAX_MESSAGE_BYTES // FRAME_BYTES
 """Number of states of one frame that fit into a message."""
+MAX_PRIORITIES = 2**16
+"""Maximum number of new priorities in a request, which keep other requests waiting for 0.1 s."""
 
 
 @dataclass(frozen=True)
 class SampleRequest(Message):
     """See `replay.interface.Replay.sample`. It brings new priorities along, so that they need no
     messages of their own."""
+
+    LIMITS: ClassVar = {"B": (0, MAX_PRIORITIES)}
 
     drawn: Count
     timeout: Amount

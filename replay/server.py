@@ -13,12 +13,12 @@ from contextlib import AbstractContextManager
 from common.errors import MessageError
 from common.process.log_lines import Seldom
 from common.protocol.ack import Ack
-from common.protocol.chunk import Chunk
+from common.protocol.chunk import MAX_CHUNK_BYTES, Chunk
 from common.protocol.run_keys import DEMONSTRATIONS, RunKeys, name_in
 from common.protocol.step_fields import FRAME_BYTES
 from common.protocol.wire import MAX_MESSAGE_BYTES, decode_version
 from common.run.announcement import Announcement
-from common.settings.config import MAX_CHUNK_STEPS, RunConfig
+from common.settings.config import RunConfig
 from common.transport.interface import Answer, Envelope, Request, Transport
 from common.transport.leaky_bucket import ACTOR_QUOTA, LeakyBucket
 from replay.messages import (
@@ -52,6 +52,7 @@ class ReplayServer(AbstractContextManager["ReplayServer"]):
         run: str,
         quota: float = ACTOR_QUOTA,
     ) -> None:
+        self._transport = transport
         self._buffer = buffer
         self._quota = LeakyBucket(quota)
         self._keys = keys = RunKeys(run, buffer.run_id)
@@ -99,31 +100,30 @@ class ReplayServer(AbstractContextManager["ReplayServer"]):
 
     def _insert(self, request: Request) -> bytes | None:
         actor = name_in(request.key)
-        new = not self._quota.knows(actor)
         if not self._admits(actor, request):
             request.drop()  # the actor sends it again
             return None
-        if not request.payload:
+        if not (payload := request.payload):
             self._polls.put(request)
             return None
-        steps = MAX_CHUNK_STEPS  # of a malformed one, which may take as long to decompress
+        size = MAX_CHUNK_BYTES  # of a malformed one, which may take as long to decompress
         try:
-            chunk = self._chunk_in(request.payload, actor)
-            steps = len(chunk)
+            chunk = self._chunk_in(payload, actor)
+            size = chunk.nbytes
             return self._ack_of(chunk).encode()
         except MessageError as error:
             _log.warning("a chunk of %s was refused: %s", actor, error)
             raise
         finally:
-            self._quota.charge(actor, _least_steps(request), steps, new=new)
+            self._quota.charge(actor, size / FRAME_BYTES)
 
     def _admits(self, actor: str, request: Request) -> bool:
-        """Whether the request is within the actor's turn and quota, judged before it is read: then
-        by its size, and `_insert` charges what more it holds."""
+        """Whether the request is within the actor's turn and quota, judged before it is read. A
+        chunk then counts as one step; `_insert` charges the rest."""
         if actor == DEMONSTRATIONS and not self._buffer.draws:  # the learner's, at the beginning
             return True
         known = self._quota.knows(actor)
-        steps = _least_steps(request) if request.size else _POLL_STEPS
+        steps = 1.0 if request.size else _POLL_STEPS
         if request.size and known and not self._buffer.admits(actor):
             if not self._buffer.ignores_throttle(actor):
                 return False
@@ -135,6 +135,7 @@ class ReplayServer(AbstractContextManager["ReplayServer"]):
         else:
             text = "more new actors come than are admitted at once"
         self._buffer.over_quota += 1
+        self._transport.note_over_quota(actor)
         _log.warning("%s: the rest has to wait", text)
         return False
 
@@ -230,9 +231,3 @@ class ReplayServer(AbstractContextManager["ReplayServer"]):
         # Not the highest version but the latest: a resumed learner may start from an older one.
         self._weights = message
         self._buffer.weights_version = version
-
-
-def _least_steps(request: Request) -> float:
-    """Returns the number of steps that a chunk costs by its size: what it holds without
-    compression."""
-    return max(request.size / FRAME_BYTES, 1.0)

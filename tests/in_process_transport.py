@@ -7,6 +7,7 @@ come in order on one thread of each transport, and a request that nobody answers
 import asyncio
 import contextlib
 import threading
+from collections import Counter
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass
@@ -73,6 +74,7 @@ class InProcessTransport:
 
     def __init__(self, hub: InProcessHub) -> None:
         self.hub = hub
+        self.over_quota: Counter[str] = Counter()
         self._own: list[Closeable] = []
         self._served = PendingRequests()
         """Requests to this transport's services; those without an answer end with the transport."""
@@ -153,6 +155,10 @@ class InProcessTransport:
             for token in self.hub.find("token", key):
                 self.call(guarded(key, callback), token.key, True)
             return self._declare("watch", key, partial(self.call, guarded(key, callback)))
+
+    def note_over_quota(self, name: str) -> None:
+        """See `Transport.note_over_quota`; here ``over_quota`` counts."""
+        self.over_quota[name] += 1
 
     def watch_shut_out(self, callback: Callable[[str, str], None]) -> Closeable:
         """See `Transport.watch_shut_out`."""

@@ -118,7 +118,7 @@ def _of_replay(transport: Mapping[str, Any]) -> Iterator[list[str]]:
     yield _row(
         "MB/s of chunks",
         _STEPS * step_bytes / 1e6,
-        f"computed: {step_bytes / 1e3:.1f} kB a step",
+        f"computed: {step_bytes / 1e3:.2f} kB a step",
         f"1 Gbit/s {_at(_GIGABIT / step_bytes / STEPS_PER_SECOND)}",
     )
 
@@ -145,7 +145,7 @@ def _of_learner(updates: float, sample: Mapping[str, Any]) -> Iterator[list[str]
     yield _row(
         "MB/s of minibatches, if replay and learner are on two machines",
         _made(updates) * batch_bytes / 1e6,
-        f"computed: {batch_bytes / 1e6:.1f} MB each, at most {updates:.0f}/s",
+        f"computed: {batch_bytes / 1e3:.0f} kB each, at most {updates:.0f}/s",
         f"1 Gbit/s at {_GIGABIT / batch_bytes:.0f} updates/s",
     )
 

@@ -17,11 +17,13 @@ from common.checked import MAX_SIZE, Count, Fraction, Name, Rows, Score
 from common.errors import MessageError
 from common.proprioception import MAX_VECTOR
 from common.protocol.message import Array, Message
-from common.protocol.step_fields import FRAME_SHAPE, StepFields
+from common.protocol.step_fields import FRAME_BYTES, FRAME_SHAPE, StepFields
 from common.settings.conditions import MAX_FRAME_STACK
 from common.settings.config import MAX_CHUNK_STEPS
 
 MAX_CONTEXT = MAX_FRAME_STACK - 1
+MAX_CHUNK_BYTES = MAX_CONTEXT * FRAME_BYTES + 2 * MAX_CHUNK_STEPS * (FRAME_BYTES + 4 * MAX_VECTOR)
+"""Maximum size of a chunk's frames and vectors, each step of which may be truncated."""
 
 
 class Game(NamedTuple):

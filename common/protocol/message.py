@@ -119,6 +119,11 @@ class Message:
     LIMITS: ClassVar[dict[str, tuple[int, int]]] = {}
     """Minimum and maximum of those letters in its arrays' shapes that are bounded."""
 
+    @property
+    def nbytes(self) -> int:
+        """Size of its arrays, bytes."""
+        return sum(each.nbytes for each in vars(self).values() if isinstance(each, np.ndarray))
+
     def encode(self) -> bytes:
         """Returns the message as msgpack. Raises MessageError if it is larger than a receiver
         accepts."""
@@ -126,8 +131,9 @@ class Message:
 
     @classmethod
     def decode(cls, payload: bytes) -> Self:
-        """Returns the message in ``payload``; its arrays are read-only views of the payload. Raises
-        MessageError if the payload is not what `encode` writes, or breaks a bound."""
+        """Returns the message in ``payload``; its arrays are read-only, and views of the payload
+        unless they were compressed. Raises MessageError if the payload is not what `encode` writes,
+        or breaks a bound."""
         fields = unpack(payload)
         del fields["schema"]
         try:

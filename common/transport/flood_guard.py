@@ -31,9 +31,10 @@ CUT_OFF = 60.0
 _LOOK = 1.0
 _AHEAD = 2.0
 """Amount that may come at once, in seconds at the maximum rate."""
-_DROPPED = 512 * 1024
-"""Bytes as which a request counts that was not taken. It costs the hub as much time as receiving
-100 KB. An actor at work, whose lost requests wait longer each time, has at most 40 per second."""
+_OVER_QUOTA = 128 * 1024
+"""Bytes as which a request counts that was over its sender's quota: receiving as many costs the hub
+about as much time. An actor at work has fewer than 300 of them per second, a third of what it may,
+because its requests wait longer each time (`common.transport.requests.Window`)."""
 _TOLERANCE = 1.5
 """Factor above the quota, because an actor over its quota sends refused chunks again."""
 _log = logging.getLogger(__name__)
@@ -63,8 +64,10 @@ class FloodGuard:
         self._received: dict[Address, int] = {}
         self._ahead: Counter[str] = Counter()
         """Bytes by which each name is ahead of the maximum rate."""
-        self._dropped: Counter[str] = Counter()
-        """Requests of each name since the last look that were not taken."""
+        self._over_quota: Counter[str] = Counter()
+        """Requests of each name that were over its quota, since the last look."""
+        self._lately: set[str] = set()
+        """Names that have connected since then."""
         self._cut_until: dict[str, float] = {}
         self._ignored: set[Address] = set()
         """Connections of names that are cut off, until they are ended."""
@@ -83,14 +86,15 @@ class FloodGuard:
                 self._ignored.discard(address)
                 return
             self._names[address] = name
+            self._lately.add(name)
             if self._cut_until.get(name, 0.0) > self.now():
                 self._ignored.add(address)
                 ignore_connections(self.port, {address})  # until a look ends it
 
-    def note_dropped(self, name: str) -> None:
-        """Notes that a request of ``name`` was not taken, as one over its quota is not."""
+    def note_over_quota(self, name: str) -> None:
+        """Notes that a request of ``name`` was not taken."""
         with self._lock:
-            self._dropped[name] += 1
+            self._over_quota[name] += 1
 
     def look(self) -> None:
         """Cuts off names that have sent too much since the last look."""
@@ -103,9 +107,11 @@ class FloodGuard:
             for address, name in self._names.items():
                 more = received.get(address, 0) - self._received.get(address, 0)
                 self._ahead[name] += max(more, 0)  # a connection that has ended gives nothing back
-            for name in {*self._names.values()} & self._dropped.keys():
-                self._ahead[name] += self._dropped[name] * _DROPPED
-            self._dropped.clear()
+            # Not of names that only the key of a request has, which may be invented.
+            for name in (self._lately | {*self._names.values()}) & self._over_quota.keys():
+                self._ahead[name] += self._over_quota[name] * _OVER_QUOTA
+            self._over_quota.clear()
+            self._lately.clear()
             # A reading may miss a connection, as where no more files may be open. Its former count
             # is kept, or at the next look all that it ever sent would be new.
             self._received = {
@@ -123,9 +129,9 @@ class FloodGuard:
             self._ignored.clear()
         for name in floods:
             text = (
-                "%s sends more than %.0f MB/s, or %.0f requests/s that are not taken: its "
-                "connections are ended for %.0f s"
+                "%s sends more than %.0f MB/s, or %.0f requests/s over its quota: its connections "
+                "are ended for %.0f s"
             )
-            _log.warning(text, name, self.most / 1e6, self.most / _DROPPED, CUT_OFF)
+            _log.warning(text, name, self.most / 1e6, self.most / _OVER_QUOTA, CUT_OFF)
         if ended:
             end_connections(self.port, ended)

@@ -129,6 +129,10 @@ class Transport(Closeable, Protocol):
         Processes that are already present are reported at once. ``key`` may hold ``*``.
         """
 
+    def note_over_quota(self, name: str) -> None:
+        """Notes that a request of actor or evaluator ``name`` was not taken, because it sends too
+        many. A hub may cut off who does so all the time."""
+
     def watch_shut_out(self, callback: Callable[[str, str], None]) -> Closeable:
         """Calls ``callback`` with name and address of each process that connects and is shut out.
 

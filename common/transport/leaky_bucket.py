@@ -40,6 +40,8 @@ class LeakyBucket:
         """By name, the time until which the admitted amount uses up the quota."""
         self._joined_until = -float("inf")
         """The same for all new names together."""
+        self._last = ("", 0.0, False)
+        """The name that was admitted last, the amount, and whether the name was new."""
 
     def knows(self, name: str) -> bool:
         """Whether ``name`` has a bucket of its own."""
@@ -47,40 +49,39 @@ class LeakyBucket:
 
     def admits(self, name: str, amount: float = 1.0) -> bool:
         """Whether ``amount`` from ``name`` is admitted now; it may exceed a second's quota."""
-        now = self._now()
-        if not self.knows(name) and not self._lets_in(now, amount):
+        now, new = self._now(), not self.knows(name)
+        if new and not self._lets_in(now, amount):
             return False
         begins = max(self._paid_until.get(name, now), now)
         if begins - now > _AHEAD:
             return False
         self._paid_until[name] = begins + amount / self._per_second
+        self._last = name, amount, new
         return True
 
-    def charge(self, name: str, amount: float, whole: float, *, new: bool) -> None:
-        """Counts a message as ``whole`` that was just admitted as ``amount``, as one does that
-        holds more than its size had told.
-
-        Args:
-            new: whether ``name`` was new when it was admitted.
-        """
-        if whole <= amount or not self.knows(name):
+    def charge(self, name: str, whole: float) -> None:
+        """Counts what was admitted last as ``whole``, if it was of ``name`` and held more than had
+        been known."""
+        admitted, amount, new = self._last
+        if name != admitted or whole <= amount:
             return
         self._paid_until[name] += (whole - amount) / self._per_second
         if new:
-            self._joined_until += (_names(whole) - _names(amount)) / NEW_NAMES_PER_SECOND
+            more = _counts_as_names(whole) - _counts_as_names(amount)
+            self._joined_until += more / NEW_NAMES_PER_SECOND
 
     def _lets_in(self, now: float, amount: float) -> bool:
         """Whether a new name, which brings ``amount``, may have a bucket of its own."""
         begins = max(self._joined_until, now)
         if begins - now > _AHEAD:
             return False
-        self._joined_until = begins + _names(amount) / NEW_NAMES_PER_SECOND
+        self._joined_until = begins + _counts_as_names(amount) / NEW_NAMES_PER_SECOND
         if len(self._paid_until) >= _MAX_NAMES:
             heard = {n: until for n, until in self._paid_until.items() if until > now - _FORGOTTEN}
             self._paid_until = heard
         return len(self._paid_until) < _MAX_NAMES
 
 
-def _names(amount: float) -> float:
+def _counts_as_names(amount: float) -> float:
     """Returns as how many new names one that brings ``amount`` counts."""
     return max(amount / _NAMES_AMOUNT, 1.0)

@@ -81,8 +81,8 @@ class ZenohPublisher(Declared):
 class _Request:
     """Implements `interface.Request`."""
 
-    def __init__(self, query: zenoh.Query, served: str, dropped: Callable[[str], None]) -> None:
-        self._query, self._dropped = query, dropped
+    def __init__(self, query: zenoh.Query, served: str) -> None:
+        self._query = query
         self.key = str(query.key_expr)
         # The server's own key, because the client's may stand for the keys of several servers.
         self._reply_key = self.key if "*" in served else served
@@ -108,22 +108,18 @@ class _Request:
 
     def drop(self) -> None:
         self._query.drop()  # type: ignore[no-untyped-call]
-        self._dropped(self.key)
 
 
 class Service(Declared):
     """A queryable, and the thread that answers for it."""
 
-    def __init__(
-        self, session: zenoh.Session, key: str, answer: Answer, dropped: Callable[[str], None]
-    ) -> None:
-        """``dropped`` is called with the key of each request that is dropped."""
+    def __init__(self, session: zenoh.Session, key: str, answer: Answer) -> None:
         queryable = session.declare_queryable(key, RingChannel(_QUEUE))
         super().__init__(queryable)
 
         def work() -> None:
             for query in queryable:
-                request = _Request(query, key, dropped)
+                request = _Request(query, key)
                 if self._closed:
                     request.drop()
                 else:

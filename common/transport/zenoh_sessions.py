@@ -12,16 +12,14 @@ import json
 import logging
 import time
 from collections.abc import Callable
-from contextlib import ExitStack, suppress
-from functools import partial
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
 import zenoh
 
 from common.endpoint import check_endpoint, check_free, is_known, is_loopback
-from common.errors import InputError, MessageError, Unreachable
-from common.protocol.run_keys import name_in
+from common.errors import InputError, Unreachable
 from common.transport.access_control import (
     LONGEST_RECEIVED,
     MAX_SESSIONS,
@@ -172,21 +170,12 @@ def open_hub(
     except zenoh.ZError as error:
         raise InputError(f"cannot listen at {endpoint}: {error}") from None
     with ExitStack() as undo:
-        transport = undo.enter_context(ZenohTransport(session, let_in))
+        guard = None if let_in is None else FloodGuard(port, let_in - by_name, most)
+        transport = undo.enter_context(ZenohTransport(session, let_in, guard))
         forget_the_silent(port, LEASE_MS)
         transport.keep(FileGuard(port, files))
-        if let_in is not None:
-            guard = transport.keep(FloodGuard(port, let_in - by_name, most))
-            transport.watch_links(guard.hear)
-            transport.on_dropped = partial(_note_dropped, guard)
         undo.pop_all()
     return transport
-
-
-def _note_dropped(guard: FloodGuard, key: str) -> None:
-    """Tells ``guard`` whose request at ``key`` was dropped. An actor inserts at its own key."""
-    with suppress(MessageError):
-        guard.note_dropped(common_name("actor", name_in(key)))
 
 
 def connect(

@@ -10,6 +10,8 @@ from zenoh.handlers import FifoChannel
 
 from common.transport.access_control import LONGEST_RECEIVED
 from common.transport.checksum import seal
+from common.transport.credentials import common_name
+from common.transport.flood_guard import FloodGuard
 from common.transport.hub_sockets import Address, address_in, end_connections
 from common.transport.interface import Answer, Closeable, Envelope, Publisher, Requester
 from common.transport.link_watch import LinkWatch
@@ -32,18 +34,25 @@ class ZenohTransport(AbstractContextManager["ZenohTransport"]):
     """Implements `Transport`; made by `zenoh_sessions`."""
 
     def __init__(
-        self, session: zenoh.Session, let_in: Set[str] | None = None, *, connects: bool = False
+        self,
+        session: zenoh.Session,
+        let_in: Set[str] | None = None,
+        guard: FloodGuard | None = None,
+        *,
+        connects: bool = False,
     ) -> None:
         """Args:
         let_in: names in certificates that this hub admits; None if it does not check.
+        guard: ends the connections of who floods this hub, and is closed with it.
         connects: whether this is a client, which connects again if its connection ends.
         """
         self.session = session
-        self.on_dropped: Callable[[str], None] = lambda key: None
-        """Called with the key of each request that a server here drops."""
         self._let_in = let_in
         self._declared: list[Closeable] = []
+        self._guard = guard and self.keep(guard)
         self._watch = self.keep(LinkWatch(self._end_links)) if connects else None
+        if guard is not None:
+            self.watch_links(guard.hear)
 
     def __exit__(self, *_: object) -> None:
         self.close()
@@ -63,7 +72,7 @@ class ZenohTransport(AbstractContextManager["ZenohTransport"]):
                 _log.warning("the others find out by themselves that this process ends: %s", error)
 
     def serve(self, key: str, answer: Answer) -> Closeable:
-        return self.keep(Service(self.session, key, answer, lambda key: self.on_dropped(key)))
+        return self.keep(Service(self.session, key, answer))
 
     def requester(self, key: str, deadline: float) -> Requester:
         return self.keep(ZenohRequester(self.session, key, deadline, self._watch))
@@ -118,6 +127,10 @@ class ZenohTransport(AbstractContextManager["ZenohTransport"]):
                 callback(name, address[0])
 
         return self.watch_links(hear)
+
+    def note_over_quota(self, name: str) -> None:
+        if self._guard is not None:
+            self._guard.note_over_quota(common_name("actor", name))
 
     def watch_links(self, callback: Callable[[str, Address, bool], None]) -> Closeable:
         """Calls ``callback`` with the name in a connection's certificate, the other side's address,

@@ -119,7 +119,7 @@ def _rows(
                 later = options.games * (len(measures) - number)
                 total = played + max(options.games - len(found), 0) + later
                 progress.update(played, total=total, note=f"{played} of {total} games")
-            if stop.is_set():
+            if stop.is_set() and len(found) < options.games:
                 break
             known = trained and replace(trained, seed=config.seed)
             changed = differences(known, settings) if known else []

@@ -43,6 +43,7 @@ def serve_evaluators(
         if not quota.admits(evaluator):
             who = evaluator if quota.knows(evaluator) else "a crowd of new evaluators"
             _log.warning("%s reports too often: some reports are dropped", who)
+            transport.note_over_quota(evaluator)
             request.drop()
             return None
         report = EvaluationReport.decode(request.payload)

@@ -105,6 +105,8 @@ class DirectTransport:
             callback(present, True)
         return Entry(self._watches, (key, callback))
 
+    def note_over_quota(self, name: str) -> None: ...
+
     def watch_shut_out(self, callback: Callable[[str, str], None]) -> Closeable:
         return Entry([], ("", callback))
 

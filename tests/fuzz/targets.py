@@ -76,6 +76,9 @@ class Heard:
         """Nobody is present."""
         return self._nothing()
 
+    def note_over_quota(self, _: str) -> None:
+        """Nobody is cut off."""
+
     def watch_shut_out(self, *_: object) -> Closeable:
         """Nobody is shut out."""
         return self._nothing()

@@ -2,6 +2,7 @@
 
 import errno
 import json
+import logging
 import os
 import random
 import threading
@@ -10,6 +11,7 @@ from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import cast
 from unittest.mock import PropertyMock, create_autospec
 
 import numpy as np
@@ -29,6 +31,7 @@ from common.transport.leaky_bucket import NEW_NAMES_PER_SECOND, LeakyBucket
 from replay import server as replay_server
 from replay.client import AHEAD, MAX_PRIORITY_UPDATES, RemoteReplay
 from replay.messages import (
+    MAX_PRIORITIES,
     NO_BATCH,
     HeldOutStates,
     ProgressRequest,
@@ -37,8 +40,16 @@ from replay.messages import (
 from replay.replay_buffer import ReplayBuffer
 from replay.server import ReplayServer
 from tests.hub_stubs import PendingRequests
+from tests.in_process_transport import InProcessTransport
 from tests.patience import PATIENCE
-from tests.replay.replay_reference import GOES_ON, RUN, TERMINATES, Actor, make_config
+from tests.replay.replay_reference import (
+    GOES_ON,
+    RUN,
+    TERMINATES,
+    TRUNCATES,
+    Actor,
+    make_config,
+)
 from tests.replay.replay_requests import KEYS, ask, insert
 
 
@@ -198,6 +209,56 @@ def test_an_actor_over_its_quota_waits_alone_and_loses_nothing(
     ]
 
 
+@pytest.mark.parametrize("compresses", [True, False])
+def test_a_quota_counts_all_frames_whether_they_compress_or_not(
+    place: Place, monkeypatch: pytest.MonkeyPatch, compresses: bool
+) -> None:
+    monkeypatch.setattr(
+        replay_server, "LeakyBucket", lambda per_second: LeakyBucket(per_second, lambda: 0.0)
+    )
+    place.server.close()
+    place.server = ReplayServer(place.hub, place.buffer, make_config(), RUN, quota=40)
+    actor, rng = Actor("a", 4), np.random.default_rng(0)
+    taken = 0
+    with suppress(Unanswered):
+        for _ in range(20):
+            chunk = actor.live([GOES_ON] * 4 + [TRUNCATES] * 4, rng)
+            if compresses:
+                chunk = replace(
+                    chunk,
+                    frames=np.zeros_like(chunk.frames),
+                    final_frames=np.zeros_like(chunk.final_frames),
+                )
+            insert(place.client, chunk)
+            taken += 1
+    # The first has 8 frames and 4 final ones, the others a context too; a second's come at once,
+    # and the one that is more is paid for.
+    assert taken == 4
+    assert cast(InProcessTransport, place.hub).over_quota == {"a": 1}
+
+
+def test_new_names_with_large_chunks_count_as_several(
+    place: Place, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(
+        replay_server, "LeakyBucket", lambda per_second: LeakyBucket(per_second, lambda: 0.0)
+    )
+    place.server.close()
+    place.server = ReplayServer(place.hub, place.buffer, make_config(), RUN)
+    # Its warnings come seldom, and another test waits for one.
+    monkeypatch.setattr(replay_server, "_log", logging.getLogger("unheard"))
+    black = np.zeros((1, 84, 84), np.uint8)
+    admitted = 0
+    with suppress(Unanswered):
+        for number in range(int(NEW_NAMES_PER_SECOND)):
+            chunk = Actor(f"a{number}", 4).live([GOES_ON] * 640, np.random.default_rng(0))
+            chunk = replace(chunk, frames=np.repeat(black, 640, axis=0))
+            with suppress(MessageError):
+                insert(place.client, chunk)
+            admitted += 1
+    assert admitted == pytest.approx(NEW_NAMES_PER_SECOND / 10, abs=2)
+
+
 def test_a_malformed_chunk_counts_as_much_as_the_longest(
     place: Place, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -206,7 +267,7 @@ def test_a_malformed_chunk_counts_as_much_as_the_longest(
         replay_server, "LeakyBucket", lambda per_second: LeakyBucket(per_second, lambda: 0.0)
     )
     place.server.close()
-    place.server = ReplayServer(place.hub, place.buffer, make_config(), RUN, quota=1_024)
+    place.server = ReplayServer(place.hub, place.buffer, make_config(), RUN, quota=3_300)
     for _ in range(2):  # a second's come at once, and the one that is more is paid for
         with pytest.raises(MessageError, match="not msgpack"):
             ask(place.client, KEYS.insert("a"), b"\x81")
@@ -616,6 +677,34 @@ def test_the_next_request_tells_the_newest_priorities_in_order(place: Place) -> 
     heard.close()
     newest = range(5, MAX_PRIORITY_UPDATES + 5)
     assert told == [[pair for number in newest for pair in ((number, number), (7, 0.5))], []]
+
+
+def test_the_last_priorities_are_told_at_the_end(place: Place) -> None:
+    """They may be of steps from which nothing can be learned."""
+    insert(place.client, Actor("a", 4).live([GOES_ON] * 30, np.random.default_rng(0)))
+    place.remote.update_priorities(np.arange(1), np.full(1, np.nan, np.float32))
+    place.remote.close()
+    for _ in until_late():
+        if not place.buffer._store.sampler.contains(np.arange(1)).any():
+            break
+    assert not place.buffer._store.sampler.contains(np.arange(1)).any()
+
+
+def test_of_many_priorities_the_newest_are_told(
+    place: Place, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("replay.client.MAX_PRIORITIES", 3)
+    for ids in (np.arange(2), np.arange(2, 5)):
+        place.remote.update_priorities(ids, ids.astype(np.float32))
+    ids, priorities = place.remote._take_updates()
+    assert (ids.tolist(), priorities.tolist()) == ([2, 3, 4], [2.0, 3.0, 4.0])
+
+
+def test_a_request_with_too_many_priorities_is_refused() -> None:
+    many = MAX_PRIORITIES + 1
+    asked = SampleRequest(0, 0.0, np.zeros(many, np.int64), np.zeros(many, np.float32))
+    with pytest.raises(MessageError, match="B is 65537 where 0 to 65536 are allowed"):
+        SampleRequest.decode(asked.encode())
 
 
 def test_refused_priorities_are_told_at_the_next_draw(place: Place) -> None:

@@ -29,7 +29,7 @@ from common.protocol.wire import SCHEMA
 from common.settings.config import RunConfig
 from tests.paths import ROOT
 
-DECLARED = (10, "5def849c43656fd8")
+DECLARED = (10, "150edcd8e698fda9")
 """A schema, and the digest of its messages."""
 
 

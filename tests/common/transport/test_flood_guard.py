@@ -1,17 +1,20 @@
 """Who floods a hub, and who does not: over real connections, and by a clock of the test's."""
 
 from collections.abc import Iterator
+from concurrent.futures import Future
 from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
 
 from common.protocol.run_keys import RunKeys
+from common.settings.config import MAX_WINDOW
 from common.transport import flood_guard
 from common.transport.flood_guard import CUT_OFF, FloodGuard, tolerated
 from common.transport.hub_sockets import Address
-from common.transport.interface import Request, Requester, Transport
-from common.transport.leaky_bucket import ACTOR_QUOTA
+from common.transport.interface import Envelope, Request, Requester, Transport, Unanswered
+from common.transport.leaky_bucket import ACTOR_QUOTA, LeakyBucket
+from common.transport.requests import Window
 from common.transport.zenoh_sessions import connect, open_hub
 from common.transport.zenoh_transport import ZenohTransport
 from tests.patience import PATIENCE, wait_until
@@ -74,22 +77,23 @@ def test_who_floods_a_hub_is_cut_off_and_the_others_are_not(
     wait_until(lambda: not again.has_server, "the flooder is out again")
     assert (crowd.links("actor.right"), crowd.links("learner")) == before
     assert right.request(b"").result().payload == b"ok"
-    assert "actor.left sends more than 0 MB/s, or 0 requests/s that" in caplog.text
+    assert "actor.left sends more than 0 MB/s, or 1 requests/s over its quota: " in caplog.text
     assert "its connections are ended for 60 s" in caplog.text
     assert caplog.text.count("sends more") == 1
 
 
-def test_who_asks_again_and_again_for_what_is_not_taken_is_cut_off(
-    address: str, named: Path
-) -> None:
-    def refuse(request: Request) -> bytes:
-        if request.key.endswith("left"):
-            return b"ok"
-        raise OSError("not now")
-
+def test_who_sends_over_its_quota_again_and_again_is_cut_off(address: str, named: Path) -> None:
     with ExitStack() as stack:
-        crowd = Crowd(stack, address, named, most=1e7)
-        crowd.hub.serve(KEYS.insert("*"), refuse)
+        crowd = Crowd(stack, address, named, most=1e6)
+
+        def answer(request: Request) -> bytes | None:
+            if request.key.endswith("left"):
+                return b"ok"
+            crowd.hub.note_over_quota("right")
+            request.drop()
+            return None
+
+        crowd.hub.serve(KEYS.insert("*"), answer)
         left, right = crowd.actor("left"), crowd.actor("right")
         before = crowd.links("actor.left")
 
@@ -161,17 +165,72 @@ def test_an_actors_connections_count_together(links: Links) -> None:
     assert links.send(3, 0, 0.0) == []
 
 
-def test_requests_that_are_not_taken_count_as_many_bytes(
+def test_requests_over_a_quota_count_as_many_bytes(
     links: Links, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(flood_guard, "_DROPPED", 10)
+    monkeypatch.setattr(flood_guard, "_OVER_QUOTA", 10)
     links.join("a", 1)
     links.join("b", 2)
     for name, count in (("a", 10), ("b", 31), ("unknown", 99)):
         for _ in range(count):
-            links.guard.note_dropped(name)
+            links.guard.note_over_quota(name)
     assert links.send(1, 200) == [2]  # of 100 a second, and two seconds' at once
     assert links.send(1, 1, 0.0) == [1]
+
+
+def test_who_has_left_at_each_look_is_cut_off_too(
+    links: Links, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(flood_guard, "_OVER_QUOTA", 10)
+    links.join("b", 2)
+    for _ in range(5):
+        links.join("a", 1)
+        for _ in range(20):
+            links.guard.note_over_quota("a")
+        links.join("a", 1, leaves=True)
+        links.send(2, 0)
+    links.join("a", 3)
+    assert ("::1", 3) in links.ignored
+
+
+@pytest.mark.parametrize(
+    ("quota", "chunk_steps", "speed"), [(1_000, 4, 5.0), (2_000, 8, 5.0), (5_000, 16, 9.0)]
+)
+def test_an_actor_over_a_small_quota_is_not_cut_off(
+    links: Links, monkeypatch: pytest.MonkeyPatch, quota: int, chunk_steps: int, speed: float
+) -> None:
+    """It plays ``speed`` steps per millisecond, in small chunks and with the largest window."""
+    links.guard.most = tolerated(quota)
+    links.join("a", 1)
+    bucket = LeakyBucket(quota, lambda: links.now)
+    monkeypatch.setattr("common.transport.requests.time.monotonic", lambda: links.now)
+
+    class Hub:
+        has_server = True
+
+        def close(self) -> None: ...
+
+        def request(self, payload: bytes) -> Future[Envelope]:
+            answer: Future[Envelope] = Future()
+            if bucket.admits("a", chunk_steps):
+                answer.set_result(Envelope(b"", b"", ""))
+            else:
+                links.guard.note_over_quota("a")
+                answer.set_exception(Unanswered("over quota"))
+            return answer
+
+    window = Window(Hub(), lambda _: None)
+    played = 0.0
+    for tick in range(60_000):  # of a millisecond
+        links.now += 0.001
+        window.wait(MAX_WINDOW, 0.0)
+        played = min(played + speed, 64.0 * chunk_steps)
+        while played >= chunk_steps and len(window) < MAX_WINDOW:
+            window.send(b"chunk")
+            played -= chunk_steps
+        if tick % 1_000 == 0:
+            assert links.send(1, 0, 0.0) == []
+    assert window.sent_again > 1_000
 
 
 def test_a_connection_that_one_reading_misses_counts_only_what_is_new(links: Links) -> None:

@@ -73,20 +73,20 @@ def test_what_is_charged_later_counts_as_if_it_had_been_known(clock: Clock, amou
     known, charged = (LeakyBucket(1e4, clock) for _ in range(2))
     for number in range(4 * 1024):  # invented names, and some at work
         name = f"name-{number if number % 4 else number % 16}"
-        new = not charged.knows(name)
         found = charged.admits(name)
         assert found == known.admits(name, amount)
         if found:
-            charged.charge(name, 1.0, amount, new=new)
+            charged.charge(name, amount)
         clock.now += 1 / 1024
 
 
 def test_nothing_is_charged_to_a_name_that_was_not_admitted(clock: Clock) -> None:
     quota = LeakyBucket(64.0, clock)
-    quota.charge("a", 1.0, 640.0, new=True)
+    quota.charge("a", 640.0)
     assert not quota.knows("a")
     assert quota.admits("a", 16.0)
-    quota.charge("a", 16.0, 1.0, new=False)  # which held less
+    quota.charge("b", 640.0)
+    quota.charge("a", 1.0)  # which held less
     assert [quota.admits("a", 16.0) for _ in range(5)] == [True] * 4 + [False]
 
 

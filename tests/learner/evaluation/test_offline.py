@@ -25,7 +25,6 @@ from common.settings.presets import PRESETS
 from learner.evaluation import offline
 from learner.evaluation.offline import evaluate, play
 from learner.evaluation.options import EvaluationOptions
-from learner.evaluation.results import summarise
 from tests.extending.whole_run import added
 from tests.patience import PATIENCE
 
@@ -197,12 +196,15 @@ def test_a_stop_shows_the_measures_whose_games_are_all_there(
 ) -> None:
     write(program, TELLS_ITS_CHANCES)
     stop = threading.Event()
+    played = offline.play
 
-    def stopping(*found: Any) -> Any:
-        stop.set()  # once the first measure has all of its games
-        return summarise(*found)
+    def stopping(*told: Any) -> Any:
+        for number, game in enumerate(played(*told), 1):
+            if number == 2:
+                stop.set()  # with the last game of the first measure
+            yield game
 
-    monkeypatch.setattr("learner.evaluation.offline.summarise", stopping)
+    monkeypatch.setattr("learner.evaluation.offline.play", stopping)
     console = Console(file=io.StringIO(), width=120, record=True)
     options = EvaluationOptions(games=2, headline=True)
     assert evaluate(program, options, CONFIG, ClockConfig(), stop, console) is None
