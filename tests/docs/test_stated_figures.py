@@ -73,7 +73,7 @@ def stated() -> Iterator[tuple[str, str]]:
         if row["work"] == "updates of 32, 2 threads"
     )
     yield "docs/operations.md", f"two cores learn from {_hundreds(32 * updates)} transitions/s"
-    yield "docs/operations.md", f"| learner of two cores | {4 * updates // 15:.0f} robots"
+    yield "docs/operations.md", f"updates of 32 every 4 steps) | {4 * updates // 15:.0f} robots"
     yield "benchmarks/RESULTS.md", f"for up to {4 * updates // 15:.0f} robots in real time"
 
     peer, ours = (

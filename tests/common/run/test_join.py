@@ -172,7 +172,7 @@ def test_a_hub_of_another_version_is_told(hub: Transport, client: Transport) -> 
         assert answer != good
         service = announce(hub, "one", answer)
         for name, patience in (("one", PATIENCE), (None, 0.0)):
-            with pytest.raises(InputError, match="install the same version on both machines"):
+            with pytest.raises(InputError, match="use the same version on both sides, or name"):
                 find_run(client, name, patience, never)
         service.close()
 
