@@ -118,7 +118,8 @@ def _rows(
                     console.print(f"game {played}: score {points(game['score'])}")
                 later = options.games * (len(measures) - number)
                 total = played + max(options.games - len(found), 0) + later
-                progress.update(played, total=total, note=f"{played} of {total} games")
+                note = f"{played} of {total} games, the last {points(game['score'])}"
+                progress.update(played, total=total, note=note)
             if stop.is_set() and len(found) < options.games:
                 break
             known = trained and replace(trained, seed=config.seed)
@@ -128,9 +129,12 @@ def _rows(
     if len(rows) < len(measures):  # told once the bar has gone: the console would write behind it
         if rows:  # of the measures whose games are all there: those that end first are defeats
             console.print(table({"weights": name_of(network), "rows": rows}))
+        scores = f" ({', '.join(points(game['score']) for game in found)})" if found else ""
         unwritten = f": {options.json} is not written" if options.json is not None else ""
         console.print(
-            f"stopped after {counted(played, 'game')}{unwritten}", markup=False, soft_wrap=True
+            f"stopped after {counted(played, 'game')}{scores}{unwritten}",
+            markup=False,
+            soft_wrap=True,
         )
         return None
     return rows

@@ -213,6 +213,23 @@ def test_a_stop_shows_the_measures_whose_games_are_all_there(
     assert said == "stopped after 2 games"
 
 
+def test_a_stop_tells_the_scores_of_a_measure_that_is_not_whole(
+    program: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write(program, TELLS_ITS_CHANCES)
+    stop = threading.Event()
+
+    def stopping(*_: Any) -> Any:
+        yield {"score": 3.0}
+        yield {"score": -21.0}
+        stop.set()
+
+    monkeypatch.setattr("learner.evaluation.offline.play", stopping)
+    console = Console(file=io.StringIO(), width=120, record=True)
+    assert evaluate(program, EvaluationOptions(), CONFIG, ClockConfig(), stop, console) is None
+    assert console.export_text().endswith("\nstopped after 2 games (3, −21)\n")
+
+
 @pytest.mark.parametrize("valid", [49, 50])
 def test_a_score_of_a_robot_that_did_not_see_is_told_as_such(program: Path, valid: int) -> None:
     write(program, f"print({json.dumps(GAME | {'valid': valid})!r}, flush=True)")
