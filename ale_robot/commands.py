@@ -23,13 +23,13 @@ PROGRAMS: dict[str, tuple[str, ...]] = {
     "film": ("viewer.__main__", "film"),
     "evaluate": ("learner.evaluation.__main__",),
     "plot": ("learner.figures.plot",),
+    "publish": ("learner.publish",),
     "backup": ("learner.backup",),
     "policies": ("ale_robot.hub",),
 }
 """Programs by command: the module whose ``main`` is called, and the arguments that come before the
 user's."""
 MEANT = {
-    "publish": "`python -m learner.publish RUN` publishes a run's network, with a card.",
     "list": "`ale-robot policies` lists the policies, `ale-robot --help-all` the games.",
     "version": "`ale-robot --version` tells it.",
 }
@@ -68,7 +68,8 @@ Train a robot on this machine until Ctrl-C.
   --env robot|ale      camera and hands (default), or the emulator alone
   --game GAME          pong (default), breakout, …; list: ale-robot --help-all
   --preset NAME        robot or frugal; fast (usual without a robot) or paper
-  --actors N           number of robots that play at the same time (default 1)
+  --actors N           number of robots that play at the same time (1)
+  --evaluators N       number of evaluators, which play tests (1); 0 is faster
   --steps N            agent steps at which to end; 400,000 take 14 to 90 min
   --initial NAME|FILE  network to start from, with its layers
   --demonstrations FOLDER   recorded games with which the replay starts
@@ -229,9 +230,9 @@ Evaluate a network over whole games, in several processes.
   ale-robot evaluate robot_pong --camera.noise 8   under camera noise
 
   NAME|FILE            network: a shipped policy, a run or a file
-  --games N            number of games
+  --games N            number of games (30)
   --headline           two more scores: 5 % random actions, and sticky actions
-  --epsilon SHARE      share of random actions, 0 to 1
+  --epsilon SHARE      share of random actions, 0 to 1 (0.001)
   --processes N        games at the same time; by default one on each core
   --json FILE          file for the results; replaces earlier results alone
   --no-sync            real time, instead of as fast as the machine allows
@@ -248,6 +249,19 @@ Plot runs: reward and mean max-Q by epoch.
   -o FILE              picture: .png, .svg or .pdf
 
   A run needs one complete epoch; before that, use --web or TensorBoard.
+""",
+    "publish": """\
+Publish a run's network as a policy, with a card of its scores.
+
+  ale-robot publish RUN -o policies/mine           the network of its best test
+  ale-robot publish RUN --last -o policies/mine    the newest, as without tests
+  ale-robot watch policies/mine.safetensors
+
+  RUN                  run, by its name or folder
+  -o NAME              path of both files, without suffix
+  --last               the last weights instead of those of the best test
+  --replace            replace the policy that is there
+  --games N            games of each of the card's three evaluations (30)
 """,
     "backup": """\
 Copy a run, even while it is training, to continue it elsewhere.
@@ -289,11 +303,13 @@ def overview(*, everything: bool) -> str:
         *(f"  {name:<10} {text.splitlines()[0]}" for name, text in HELP.items()),
         "",
         "  ale-robot COMMAND --help        its usual flags; --help-all: all flags",
-        "  ale-robot --version             version of this program",
     ]
     if everything:
         games = textwrap.fill(", ".join(GAMES), 78, initial_indent="  ", subsequent_indent="  ")
         return "\n".join([*lines, "", f"The {len(GAMES)} games of --game:", games])
     return "\n".join(
-        [*lines, f"  ale-robot --help-all            the {len(GAMES)} games of --game"]
+        [
+            *lines,
+            f"  ale-robot --help-all            the {len(GAMES)} games; --version: its version",
+        ]
     )
