@@ -3,7 +3,7 @@
 import threading
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import gymnasium
 import numpy as np
@@ -27,6 +27,9 @@ from common.settings.config import RunConfig, Seed
 from common.settings.fit import as_argument, check_fit
 from learner.evaluation import offline
 from learner.evaluation.options import EPSILON, GAMES, EvaluationOptions
+
+if TYPE_CHECKING:
+    import torch
 
 
 class TrainedPolicy:
@@ -88,6 +91,13 @@ class TrainedPolicy:
         """Returns the value of each action, ``float32 [actions]``. Raises InputError as `act`."""
         values: NDArray[np.float32] = self._policy.q_values(*self._batch(observation))[0]
         return values
+
+    @property
+    def network(self) -> "torch.nn.Module":
+        """The network, which maps frames ``uint8 [batch, frame_stack, 84, 84]``, newest last, and
+        vectors ``float32 [batch, P]`` (P is 0 without ``config.play.vector``) to Q-values
+        ``float32 [batch, actions]``. ``torch.export`` takes it as it is."""
+        return self._policy.network
 
     def _batch(self, observation: Observation) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
         told: dict[str, Any]

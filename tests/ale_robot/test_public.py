@@ -9,6 +9,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 import pytest
+import torch
 
 import ale_robot
 from actors.envs.robot import RobotEnv
@@ -99,6 +100,20 @@ def test_a_vector_of_any_type_of_numbers_is_the_same() -> None:
         for kind in (np.float32, ">f4", np.int64)
     ]
     assert all(np.array_equal(each, values[0]) for each in values)
+
+
+@pytest.mark.parametrize("name", ["robot_pong_pixels", "robot_pong"])
+def test_a_policys_network_can_be_exported(name: str) -> None:
+    policy = ale_robot.load_policy(name)
+    rng = np.random.default_rng(1)
+    frames = rng.integers(256, size=(4, 84, 84), dtype=np.uint8)
+    vector = rng.random(policy.config.vector_width, np.float32)
+    inputs = torch.from_numpy(frames[None]), torch.from_numpy(vector[None])
+    exported = torch.export.export(policy.network, inputs).module()
+    observation = {"frames": frames, "vector": vector} if len(vector) else frames
+    for network in (policy.network, exported):
+        values = network(*inputs)[0].detach().numpy()
+        np.testing.assert_allclose(values, policy.q_values(observation), atol=1e-5)
 
 
 def test_a_policy_plays_and_is_evaluated_under_other_conditions() -> None:
