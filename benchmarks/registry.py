@@ -43,7 +43,8 @@ BENCHMARKS = {
         "inserts and minibatches of the replay in one process, and its memory", {"replay": ""}
     ),
     "transport": Benchmark(
-        "chunks in and minibatches out of a replay process, over Zenoh", {"transport": ""}
+        "chunks in and minibatches out of a replay process, over Zenoh",
+        {"transport": "", "transport_uniform": "--sampler uniform"},
     ),
     "many_actors": Benchmark(
         "a hub with 1 to 1,024 actors in real time: what they get, what it costs, weights to all",

@@ -21,7 +21,7 @@ from common.settings.config import LearningConfig, StreamConfig
 class Options(BenchmarkOptions):
     """Time the messages between actors, replay and a learner in another process."""
 
-    seconds: Seconds = 5.0
+    seconds: Seconds = 8.0
     """Length of each measurement, in seconds."""
     senders: FromOne = 1
     """Number of actor processes that send."""

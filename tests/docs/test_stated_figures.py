@@ -59,6 +59,15 @@ def stated() -> Iterator[tuple[str, str]]:
     )
     yield "docs/operations.md", f"as fast as both can (`transport`) | {' | '.join(at_once)} |"
     yield "docs/operations.md", f"if {paced[0]} come per second | {' | '.join(paced)} |"
+    uniform = result("transport_uniform")["sample_beside_paced"]["transitions_per_second"]
+    yield "docs/operations.md", f"by priority | {paced[0]} | {_hundreds(uniform)} |"
+    insert, sample = zenoh["insert"], zenoh["sample"]
+    step, batch = (
+        each["megabytes_per_second"] / each[rate]
+        for each, rate in ((insert, "transitions_per_second"), (sample, "calls_per_second"))
+    )
+    yield "docs/operations.md", f"1 Gbit/s | {125 / step / 15:,.0f}"[:-3] + "000 robots"
+    yield "docs/operations.md", f"a learner that makes {_hundreds(125 / batch)} updates/s"
     yield "docs/operations.md", f"A learner that wants more than {paced[1]} transitions/s needs"
     yield "benchmarks/RESULTS.md", f"{' and '.join(at_once)} as fast as both can"
     yield (
