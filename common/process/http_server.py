@@ -43,6 +43,7 @@ _HEADERS = {
     "cache-control": "no-store",
 }
 """Headers of every answer, which restrict what a browser may do with it."""
+_EVERYWHERE = ("0.0.0.0", "::")
 _log = logging.getLogger(__name__)
 
 
@@ -67,7 +68,9 @@ class HttpServer:
                 f"cannot serve at {name}:{port} ({error.strerror}): choose another address with "
                 f"{flag}."
             ) from None
-        self.url = f"http://{name}:{self._socket.getsockname()[1]}/"
+        # No other machine can open an address that stands for all of this one's.
+        reached = socket.gethostname() if host in _EVERYWHERE else name
+        self.url = f"http://{reached}:{self._socket.getsockname()[1]}/"
         self._server = uvicorn.Server(
             uvicorn.Config(
                 _guarded(app, None if any_name else host),
