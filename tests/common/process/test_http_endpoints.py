@@ -256,7 +256,17 @@ def test_an_address_beyond_this_machine_is_warned_of(caplog: pytest.LogCaptureFi
     port = free_endpoint().rpartition(":")[2]
     with http_endpoints(f"0.0.0.0:{port}", lambda: PAGES):
         assert get(f"127.0.0.1:{port}", "/healthz") == (200, "ok\n")
-    assert f"whoever reaches http://{socket.gethostname()}:{port}/" in caplog.text
+    assert "whoever reaches http://0.0.0.0:" in caplog.text
+
+
+@pytest.mark.parametrize(
+    ("host", "reached"),
+    [("0.0.0.0", socket.gethostname()), ("127.0.0.1", "127.0.0.1"), ("::1", "[::1]")],
+)
+def test_a_page_is_named_as_it_can_be_opened(host: str, reached: str) -> None:
+    server = HttpServer(lambda *_: None, host, 0, "--web")  # type: ignore[arg-type,return-value]
+    server.close()
+    assert re.fullmatch(rf"http://{re.escape(reached)}:\d+/", server.url)
 
 
 def test_ipv6() -> None:
