@@ -264,7 +264,7 @@ def test_an_address_beyond_this_machine_is_warned_of(caplog: pytest.LogCaptureFi
     [("0.0.0.0", socket.gethostname()), ("127.0.0.1", "127.0.0.1"), ("::1", "[::1]")],
 )
 def test_a_page_is_named_as_it_can_be_opened(host: str, reached: str) -> None:
-    server = HttpServer(lambda *_: None, host, 0, "--web")  # type: ignore[arg-type,return-value]
+    server = HttpServer(lambda *_: None, host, 0, "--web")  # type: ignore[arg-type]
     server.close()
     assert re.fullmatch(rf"http://{re.escape(reached)}:\d+/", server.url)
 
