@@ -126,11 +126,14 @@ class Report:
             say(f"{words}: {played(values)}")
             now = "preset {run/preset}, {run/phase}, epoch {run/epoch}, {run/agent_steps} steps"
             say(fill(now, values))
-        columns = ("process", "state", "version", "rate", "behind", "heard")
-        table = Table(*columns, box=box.SIMPLE, padding=(0, 1, 0, 0))
+        columns = ("process", "state", "rate", "behind", "heard", "version")
         stored = f"{replay.stored:,} steps"
-        for row in (("replay", stored, replay.version, UNKNOWN, UNKNOWN, "now"), *_rows(learner)):
-            table.add_row(*map(one_line, row))
+        rows = [("replay", stored, UNKNOWN, UNKNOWN, "now", replay.version), *_rows(learner)]
+        # Versions are told if one is not this program's.
+        told = len(columns) - all(row[-1] in (VERSION, UNKNOWN) for row in rows)
+        table = Table(*columns[:told], box=box.SIMPLE, padding=(0, 1, 0, 0))
+        for row in rows:
+            table.add_row(*map(one_line, row[:told]))
         console.print(table)
         if learner is not None:
             stream = (
@@ -168,17 +171,17 @@ def _rows(learner: RunStatus | None) -> Iterator[tuple[str, ...]]:
         return
     state = figure("run/phase", learner.values)
     rate = fill("{learning/updates_per_second} updates/s", learner.values)
-    yield "learner", state, learner.version, rate, UNKNOWN, _ago(learner.silent_for)
+    yield "learner", state, rate, UNKNOWN, _ago(learner.silent_for), learner.version
     for actor in learner.actors:
         share = round(100 * actor.throttled_share)
         throttled = f", throttled {share}%" if share else ""
         yield (
             actor.name,
             f"{actor.role}{throttled}" if actor.alive else f"{actor.role}, {ended(actor.leaving)}",
-            actor.version,
             f"{decimal(actor.steps_per_second, 1)} steps/s",
             f"{actor.lag:,} updates" if actor.role == "actor" else UNKNOWN,
             _ago(actor.silent_for),
+            actor.version,
         )
     if learner.values.get("stream/actors_starting"):
         yield fill("{stream/actors_starting} local", learner.values), "starting", *[UNKNOWN] * 4

@@ -30,6 +30,7 @@ from common.protocol.run_status import HealthCheck
 from common.run.folder import RunFolder
 from common.run.newest_learner import NewestLearner
 from common.transport.interface import Envelope, Transport
+from common.version import VERSION
 from learner.folder_report import FolderReport
 from learner.status import Report, ask, main
 from learner.telemetry.health_checks import LONGEST_SILENCE
@@ -124,6 +125,19 @@ def test_the_row_of_a_throttled_actor_fits_80_columns(client: Transport) -> None
     text = shown(ask(client, KEYS, "tcp/here"), 80)
     assert re.search(r"vm-00000001 +actor +\d", text)
     assert re.search(r"vm-00000002 +actor, throttled 61% +\d", text)
+
+
+def test_versions_are_told_where_they_differ(client: Transport) -> None:
+    StatusSink(client, KEYS).write(NOW)
+    report = ask(client, KEYS, "tcp/here")
+    assert not re.search(r"\bversion\b", shown(report))
+    assert report.learner is not None
+    odd = report.learner.actors[0]._replace(version="0.0.1")
+    mixed = replace(report, learner=replace(report.learner, actors=(odd,)))
+    text = shown(mixed, 80)
+    assert re.search(r" heard +version *\n", text)
+    assert re.search(rf"\n learner .* {re.escape(VERSION)} *\n", text)
+    assert re.search(r"\n a-1 .* 0\.0\.1 *\n", text)
 
 
 def shown(report: Report, width: int = 120) -> str:
