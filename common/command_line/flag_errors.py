@@ -67,7 +67,8 @@ _SAID = {
     r"(?:Error parsing )?(\S+): no type matching \S+\|FLOAT could be .* from \['(.*)'\].*": (
         r"\1 is '\2': give a number;"
     ),
-    r"[Ii]nvalid choice (.*) for argument '(\S+)'\. Expected one of \((.*)\)\.": (
+    # Without the flag it is none of them.
+    r"[Ii]nvalid choice (.*) for argument '(\S+)'\. Expected one of \((?:'None', )?(.*)\)\.": (
         r"\2 is \1: choose one of \3;"
     ),
     r"Missing value for argument '(\S+)'.*": r"\1 needs a value:",

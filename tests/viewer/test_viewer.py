@@ -120,6 +120,7 @@ def test_a_network_needs_no_flag(kind: Any, tmp_path: Path) -> None:
         (["check", "--weights", "w"], "^there is no flag --weights"),
         (["draws", "--weights", "w"], "^there is no flag --weights"),
         (["check", "--randomise.all"], r"^there is no flag --randomise\.all"),
+        (["play", "--viewer", "foo"], r"^--viewer is 'foo': choose one of 'rerun';"),
         (["play", "ale_pong", "robot_pong"], "^robot_pong .* is one too many"),
         (["play", "--epsilon", "1.5"], "--epsilon is 1.5"),
         (["play", "--video", "v.gif"], "--seconds up to 120, or an .mp4"),
