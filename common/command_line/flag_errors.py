@@ -67,8 +67,7 @@ _SAID = {
     r"(?:Error parsing )?(\S+): no type matching \S+\|FLOAT could be .* from \['(.*)'\].*": (
         r"\1 is '\2': give a number;"
     ),
-    # Without the flag it is none of them.
-    r"[Ii]nvalid choice (.*) for argument '(\S+)'\. Expected one of \((?:'None', )?(.*)\)\.": (
+    r"[Ii]nvalid choice (.*) for argument '(\S+)'\. Expected one of \((.*)\)\.": (
         r"\2 is \1: choose one of \3;"
     ),
     r"Missing value for argument '(\S+)'.*": r"\1 needs a value:",
@@ -85,6 +84,7 @@ _SAID = {
 def _plainly(said: str) -> str:
     """Returns the beginning of a sentence that goes on with a command."""
     said = re.sub(r"\{.*?\}", lambda names: names[0].replace(",", ", "), said)
+    said = re.sub(r"(?<=\()'None', |, 'None'(?=[,)])", "", said)  # as without the flag
     for pattern, plainly in _SAID.items():
         if found := re.fullmatch(pattern, said):
             return found.expand(plainly)
