@@ -53,9 +53,10 @@ def count_answers(transport: Transport) -> Answers:
             sent = time.perf_counter()
 
             def note(future: Future[Envelope]) -> None:
-                if not isinstance(future.exception(), Unanswered):
+                error = future.exception()
+                if not isinstance(error, Unanswered):
                     answers.seconds.append(time.perf_counter() - sent)
-                if not future.exception():
+                if error is None:
                     answers.bytes += len(future.result().payload)
 
             future = request(payload)

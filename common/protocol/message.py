@@ -121,7 +121,7 @@ class Message:
 
     @property
     def nbytes(self) -> int:
-        """Size of its arrays, bytes."""
+        """Size of the arrays among its fields, bytes."""
         return sum(each.nbytes for each in vars(self).values() if isinstance(each, np.ndarray))
 
     def encode(self) -> bytes:

@@ -67,7 +67,7 @@ class FloodGuard:
         self._over_quota: Counter[str] = Counter()
         """Requests of each name that were over its quota, since the last look."""
         self._lately: set[str] = set()
-        """Names that have connected since then."""
+        """Names that had a connection at any time since then."""
         self._cut_until: dict[str, float] = {}
         self._ignored: set[Address] = set()
         """Connections of names that are cut off, until they are ended."""
@@ -108,10 +108,10 @@ class FloodGuard:
                 more = received.get(address, 0) - self._received.get(address, 0)
                 self._ahead[name] += max(more, 0)  # a connection that has ended gives nothing back
             # Not of names that only the key of a request has, which may be invented.
-            for name in (self._lately | {*self._names.values()}) & self._over_quota.keys():
+            for name in self._lately & self._over_quota.keys():
                 self._ahead[name] += self._over_quota[name] * _OVER_QUOTA
             self._over_quota.clear()
-            self._lately.clear()
+            self._lately = {*self._names.values()}
             # A reading may miss a connection, as where no more files may be open. Its former count
             # is kept, or at the next look all that it ever sent would be new.
             self._received = {

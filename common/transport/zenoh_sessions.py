@@ -174,6 +174,8 @@ def open_hub(
         transport = undo.enter_context(ZenohTransport(session, let_in, guard))
         forget_the_silent(port, LEASE_MS)
         transport.keep(FileGuard(port, files))
+        if guard is not None:
+            transport.watch_links(guard.hear)
         undo.pop_all()
     return transport
 

@@ -51,8 +51,6 @@ class ZenohTransport(AbstractContextManager["ZenohTransport"]):
         self._declared: list[Closeable] = []
         self._guard = guard and self.keep(guard)
         self._watch = self.keep(LinkWatch(self._end_links)) if connects else None
-        if guard is not None:
-            self.watch_links(guard.hear)
 
     def __exit__(self, *_: object) -> None:
         self.close()

@@ -27,7 +27,7 @@ from common.protocol.wire import pack
 from common.run.join import find_run
 from common.settings.config import StreamConfig
 from common.transport.interface import Envelope, Request, Transport, Unanswered
-from common.transport.leaky_bucket import NEW_NAMES_PER_SECOND, LeakyBucket
+from common.transport.leaky_bucket import ACTOR_QUOTA, NEW_NAMES_PER_SECOND, LeakyBucket
 from replay import server as replay_server
 from replay.client import AHEAD, MAX_PRIORITY_UPDATES, RemoteReplay
 from replay.messages import (
@@ -70,6 +70,18 @@ class Place:
     hub: Transport
     client: Transport
     remote: RemoteReplay
+
+    def serve_anew(self, quota: float = ACTOR_QUOTA) -> None:
+        self.server.close()
+        self.server = ReplayServer(self.hub, self.buffer, make_config(), RUN, quota)
+
+
+@pytest.fixture
+def stopped_clock(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The clock of the quotas of servers that begin to serve from now on."""
+    monkeypatch.setattr(
+        replay_server, "LeakyBucket", lambda per_second: LeakyBucket(per_second, lambda: 0.0)
+    )
 
 
 @pytest.fixture
@@ -210,14 +222,11 @@ def test_an_actor_over_its_quota_waits_alone_and_loses_nothing(
 
 
 @pytest.mark.parametrize("compresses", [True, False])
+@pytest.mark.usefixtures("stopped_clock")
 def test_a_quota_counts_all_frames_whether_they_compress_or_not(
-    place: Place, monkeypatch: pytest.MonkeyPatch, compresses: bool
+    place: Place, compresses: bool
 ) -> None:
-    monkeypatch.setattr(
-        replay_server, "LeakyBucket", lambda per_second: LeakyBucket(per_second, lambda: 0.0)
-    )
-    place.server.close()
-    place.server = ReplayServer(place.hub, place.buffer, make_config(), RUN, quota=40)
+    place.serve_anew(quota=40)
     actor, rng = Actor("a", 4), np.random.default_rng(0)
     taken = 0
     with suppress(Unanswered):
@@ -237,14 +246,11 @@ def test_a_quota_counts_all_frames_whether_they_compress_or_not(
     assert cast(InProcessTransport, place.hub).over_quota == {"a": 1}
 
 
+@pytest.mark.usefixtures("stopped_clock")
 def test_new_names_with_large_chunks_count_as_several(
     place: Place, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(
-        replay_server, "LeakyBucket", lambda per_second: LeakyBucket(per_second, lambda: 0.0)
-    )
-    place.server.close()
-    place.server = ReplayServer(place.hub, place.buffer, make_config(), RUN)
+    place.serve_anew()
     # Its warnings come seldom, and another test waits for one.
     monkeypatch.setattr(replay_server, "_log", logging.getLogger("unheard"))
     black = np.zeros((1, 84, 84), np.uint8)
@@ -259,15 +265,10 @@ def test_new_names_with_large_chunks_count_as_several(
     assert admitted == pytest.approx(NEW_NAMES_PER_SECOND / 10, abs=2)
 
 
-def test_a_malformed_chunk_counts_as_much_as_the_longest(
-    place: Place, monkeypatch: pytest.MonkeyPatch
-) -> None:
+@pytest.mark.usefixtures("stopped_clock")
+def test_a_malformed_chunk_counts_as_much_as_the_longest(place: Place) -> None:
     """It may have taken as long to decompress."""
-    monkeypatch.setattr(
-        replay_server, "LeakyBucket", lambda per_second: LeakyBucket(per_second, lambda: 0.0)
-    )
-    place.server.close()
-    place.server = ReplayServer(place.hub, place.buffer, make_config(), RUN, quota=3_300)
+    place.serve_anew(quota=3_300)
     for _ in range(2):  # a second's come at once, and the one that is more is paid for
         with pytest.raises(MessageError, match="not msgpack"):
             ask(place.client, KEYS.insert("a"), b"\x81")
@@ -275,27 +276,19 @@ def test_a_malformed_chunk_counts_as_much_as_the_longest(
         ask(place.client, KEYS.insert("a"), b"\x81")
 
 
-def test_polls_count_as_steps(place: Place, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(
-        replay_server, "LeakyBucket", lambda per_second: LeakyBucket(per_second, lambda: 0.0)
-    )
-    place.server.close()
-    place.server = ReplayServer(place.hub, place.buffer, make_config(), RUN, quota=64)
+@pytest.mark.usefixtures("stopped_clock")
+def test_polls_count_as_steps(place: Place) -> None:
+    place.serve_anew(quota=64)
     for _ in range(5):  # a second's come at once, and the one that is more is paid for
         assert not Ack.decode(ask(place.client, KEYS.insert("a"), b"")).throttle
     with pytest.raises(Unanswered):
         ask(place.client, KEYS.insert("a"), b"")
 
 
-def test_recorded_games_have_no_measure_until_the_learner_trains(
-    place: Place, monkeypatch: pytest.MonkeyPatch
-) -> None:
+@pytest.mark.usefixtures("stopped_clock")
+def test_recorded_games_have_no_measure_until_the_learner_trains(place: Place) -> None:
     """Nothing keeps an actor from their name where certificates do not tell actors apart."""
-    monkeypatch.setattr(
-        replay_server, "LeakyBucket", lambda per_second: LeakyBucket(per_second, lambda: 0.0)
-    )
-    place.server.close()
-    place.server = ReplayServer(place.hub, place.buffer, make_config(), RUN, quota=1e-9)
+    place.serve_anew(quota=1e-9)
     rng, given = np.random.default_rng(0), Actor(DEMONSTRATIONS, 4)
     # An earlier learner, that was stopped before it drew, may have published its weights.
     place.client.publisher(KEYS.weights).publish(b"weights", b"0 test")
@@ -310,14 +303,11 @@ def test_recorded_games_have_no_measure_until_the_learner_trains(
         insert(place.client, given.live([GOES_ON], rng))
 
 
+@pytest.mark.usefixtures("stopped_clock")
 def test_who_invents_names_holds_up_nobody_at_work_and_is_told_of_once(
-    place: Place, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+    place: Place, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setattr(
-        replay_server, "LeakyBucket", lambda per_second: LeakyBucket(per_second, lambda: 0.0)
-    )
-    place.server.close()
-    place.server = ReplayServer(place.hub, place.buffer, make_config(), RUN)
+    place.serve_anew()
     rng, worker = np.random.default_rng(0), Actor("worker", 4)
     assert insert(place.client, worker.live([GOES_ON], rng)).status == "stored"
     for number in range(2 * int(NEW_NAMES_PER_SECOND)):  # a second's of them may come at once
@@ -353,8 +343,7 @@ def test_of_another_run_neither_chunks_nor_weights_nor_learners_are_taken(
 
 
 def test_junk_is_answered_and_counted_and_the_server_goes_on(place: Place) -> None:
-    place.server.close()
-    place.server = ReplayServer(place.hub, place.buffer, make_config(), RUN, quota=1e9)
+    place.serve_anew(quota=1e9)
     dice = random.Random(0)
     actor = Actor("a", 4)
     good = actor.live([GOES_ON, TERMINATES], np.random.default_rng(0)).encode()
