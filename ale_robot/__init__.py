@@ -19,12 +19,16 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from ale_robot.policy import TrainedPolicy, evaluate, load_policy
     from common.errors import InputError
+    from common.settings.clock import ClockConfig
     from common.settings.conditions import CameraConfig, PlayConfig
+    from common.settings.ranges import RandomiseConfig
 
 __all__ = [
     "CameraConfig",
+    "ClockConfig",
     "InputError",
     "PlayConfig",
+    "RandomiseConfig",
     "TrainedPolicy",
     "__version__",
     "env_id",
@@ -49,15 +53,21 @@ if _by_module or Path(sys.argv[0]).name == "ale-robot":  # the imports below pre
 from ale_robot.environments import env_id  # noqa: E402
 from common.version import VERSION as __version__  # noqa: E402
 
-_SETTINGS = "common.settings.conditions"
+_ELSEWHERE = {
+    "CameraConfig": "common.settings.conditions",
+    "ClockConfig": "common.settings.clock",
+    "InputError": "common.errors",
+    "PlayConfig": "common.settings.conditions",
+    "RandomiseConfig": "common.settings.ranges",
+}
+"""Modules of the public names that are not those of `ale_robot.policy`."""
 
 
 def __getattr__(name: str) -> Any:
     """Loads on first use the names that take long to import."""
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    where = {"InputError": "common.errors", "CameraConfig": _SETTINGS, "PlayConfig": _SETTINGS}
-    return getattr(import_module(where.get(name, "ale_robot.policy")), name)
+    return getattr(import_module(_ELSEWHERE.get(name, "ale_robot.policy")), name)
 
 
 def __dir__() -> list[str]:

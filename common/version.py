@@ -6,3 +6,11 @@ try:
     VERSION = version("ale-robot")
 except PackageNotFoundError:
     VERSION = "unknown"
+
+
+def other_version(error: Exception) -> str:
+    """Returns a clause that says that a run speaks another version's protocol, as ``error`` shows."""
+    return (
+        f"the run there is of another version than this program, {VERSION} ({error}): "
+        "use the same version on both sides"
+    )

@@ -27,7 +27,7 @@ from common.run.newest_learner import NewestLearner
 from common.strict_json import dumps
 from common.transport.chosen import connect
 from common.transport.interface import Transport
-from common.version import VERSION
+from common.version import VERSION, other_version
 from learner.folder_report import FolderReport
 from learner.telemetry.formats import (
     UNKNOWN,
@@ -216,10 +216,7 @@ def ask(
             RunStatus.decode(learners[0].payload) if learners else None,
         )
     except MessageError as error:
-        raise Unreachable(
-            f"the run's processes speak another version's protocol ({error}): "
-            "install the same version on both machines."
-        ) from None
+        raise Unreachable(f"{other_version(error)}.") from None
 
 
 def _show_ended(run: FolderReport, *, as_json: bool) -> int:

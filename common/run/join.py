@@ -14,7 +14,7 @@ from common.run.announcement import Announcement
 from common.schedule import Every, Now
 from common.settings.config import RunConfig
 from common.transport.interface import Transport
-from common.version import VERSION
+from common.version import other_version
 
 _log = logging.getLogger(__name__)
 _log.addFilter(Seldom())
@@ -115,8 +115,7 @@ def _announced(
             told = Announcement.decode(answer.payload)
         except MessageError as error:
             unfit[answer.key] = InputError(
-                f"the run there is of another version than this program, {VERSION} ({error}): use "
-                "the same version on both sides, or name another hub with --connect."
+                f"{other_version(error)}, or name another hub with --connect."
             )
         except InputError as error:
             unfit[answer.key] = error
