@@ -9,7 +9,7 @@ except PackageNotFoundError:
 
 
 def other_version(error: Exception) -> str:
-    """Returns a clause that says that a run speaks another version's protocol, as ``error`` shows."""
+    """Returns a clause that says that a run is of another version, as ``error`` shows."""
     return (
         f"the run there is of another version than this program, {VERSION} ({error}): "
         "use the same version on both sides"

@@ -69,7 +69,8 @@ def open_replay(
             replay.close()
 
         threading.Thread(target=let_go, name="let-go", daemon=True).start()
-        yield transport, replay, endpoint
+        with closing(replay):
+            yield transport, replay, endpoint
 
 
 def _has_learner(transport: Transport, keys: RunKeys) -> bool:

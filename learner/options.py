@@ -1,6 +1,5 @@
 """The learner's command line: its flags, what they mean together, and the command to continue."""
 
-import os
 import shlex
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -18,6 +17,7 @@ from common.endpoint import DEFAULT_ENDPOINT, check_endpoint, from_here
 from common.errors import InputError
 from common.metrics import Value
 from common.native.kernel import KernelChoice, PrecisionChoice
+from common.process.cores import usable_cores
 from common.process.extras import check_extra
 from common.process.http_endpoints import check_address
 from common.process.log_lines import LOADING
@@ -307,5 +307,5 @@ def free_cores(options: LearnerOptions) -> int:
     far slower than one alone (benchmarks/LOG.md). An evaluator plays at lower priority, and only
     while there is a test.
     """
-    cores = len(os.sched_getaffinity(0))
+    cores = usable_cores()
     return max(cores - options.actors if options.local else cores // 2, 1)

@@ -70,8 +70,8 @@ class Phases:
         phase: if they are longer than the warm-up, they make it longer.
         """
         self.chunks_seen = chunk.index + 1
+        self.phase_steps += chunk.agent_steps - self.agent_steps  # with chunks whose data is gone
         self.agent_steps = chunk.agent_steps
-        self.phase_steps += chunk.steps
         scores = [game.score for game in chunk.games]
         self._scores += scores
         if self.epoch:

@@ -18,7 +18,7 @@ from replay.interface import Replay
 
 DEPTH = 3
 """Number of batches ahead, including the one that is being drawn: enough to hide the drawing, few
-enough to stay fresh."""
+enough to stay fresh. A `replay.client.RemoteReplay` has asked for `AHEAD` more by then."""
 _WAIT = 0.2
 """Maximum number of seconds that the replay waits for enough steps before it answers."""
 

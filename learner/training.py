@@ -172,7 +172,7 @@ class Learner:
         self._watch.check_identity(state.get("replay", self._watch.identity))  # older ones lack it
         self.clock.restore(float(state["seconds"]))
         self.phases.restore(state)
-        self.algorithm.reseed(self.phases.updates)
+        self.algorithm.continue_from(self.phases.updates)
         for epoch in self.evaluation.restore(state["tests"]):
             self.telemetry.say(f"Epoch {epoch} stays untested: its snapshot is missing.")
         self.registry.restore(state["actors"])

@@ -5,6 +5,7 @@ import threading
 import time
 from collections import deque
 from concurrent.futures import Future, wait
+from contextlib import suppress
 from typing import TypeVar
 
 import numpy as np
@@ -116,8 +117,9 @@ class RemoteReplay:
     def _take_updates(self) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
         """Returns the ids of all steps with a new priority, and their priorities."""
         told: list[tuple[NDArray[np.int64], NDArray[np.float32]]] = [(_NO_IDS, _NO_PRIORITIES)]
-        while self._updates:
-            told.append(self._updates.popleft())
+        with suppress(IndexError):  # `close` may take some at the same time
+            while True:
+                told.append(self._updates.popleft())
         ids, priorities = zip(*told, strict=True)
         newest = slice(-MAX_PRIORITIES, None)
         return np.concatenate(ids)[newest], np.concatenate(priorities)[newest]
@@ -168,9 +170,8 @@ class RemoteReplay:
         """Stops waiting for the server, and tells it the last priorities; the transport stays
         open."""
         self._closed.set()
-        if self._updates:  # by a request that the limiter gives no minibatch
-            request = SampleRequest(MAX_COUNT, 0.0, *self._take_updates())
-            self._sample.request(request.encode())
+        if self._updates:
+            self._sample.request(SampleRequest(None, 0.0, *self._take_updates()).encode())
         for requester in (self._sample, self._progress, self._held_out, self._syncs):
             requester.close()
 

@@ -27,7 +27,8 @@ class SampleRequest(Message):
 
     LIMITS: ClassVar = {"B": (0, MAX_PRIORITIES)}
 
-    drawn: Count
+    drawn: Count | None
+    """None asks for no minibatch: the request only brings priorities."""
     timeout: Amount
     ids: Annotated[NDArray[np.int64], Array("B")]
     """Ids of steps with a new priority."""

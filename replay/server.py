@@ -196,6 +196,8 @@ class ReplayServer(AbstractContextManager["ReplayServer"]):
         asked = SampleRequest.decode(request.payload)
         if len(asked.ids):
             self._buffer.update_priorities(asked.ids, asked.priorities)
+        if asked.drawn is None:
+            return NO_BATCH
         batch = self._buffer.sample_shared(asked.drawn, min(asked.timeout, LONGEST_WAIT))
         return NO_BATCH if batch is None else batch.encode()
 

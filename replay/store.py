@@ -11,7 +11,7 @@ under the lock that readers share.
 import threading
 import uuid
 from collections.abc import Iterable
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from itertools import chain
 from pathlib import Path
 
@@ -90,7 +90,7 @@ class Store:
                 raise OSError("the replay is closed")
             if self.index.has_received(key):
                 self.index.duplicates += 1
-                self._append(self.index.counts_entry())
+                self._append_counts()
                 return False
             place = self.ring.write(self._place(key, chunk), chunk)
             statistics = self._statistics(chunk, staleness)
@@ -106,6 +106,12 @@ class Store:
             self._journal.rewrite(self._entries())
             self._compacted_size = self._journal.size
         self._journal.append(entry)
+
+    def _append_counts(self) -> None:
+        """Appends the counts. A full disk keeps no sender from its answer: the next entry of counts
+        has them all."""
+        with suppress(OSError):
+            self._append(self.index.counts_entry())
 
     def quarantine(self, ids: NDArray[np.int64]) -> tuple[list[int], list[str]]:
         """Excludes steps ``ids`` from further draws; returns those that exist, and their actors.
@@ -128,7 +134,7 @@ class Store:
         with self._writer:
             self.index.refused += 1
             if not self._closed:
-                self._append(self.index.counts_entry())
+                self._append_counts()
 
     def sync(self) -> None:
         """Puts everything that was acknowledged so far on the disk."""

@@ -110,9 +110,9 @@ class Algorithm(Protocol):
             ValueError: it belongs to another network or optimizer.
         """
 
-    def reseed(self, updates: int) -> None:
-        """Continues after the ``updates`` of an earlier process: the target network's period goes
-        on, and that process's random numbers are not drawn again."""
+    def continue_from(self, updates: int) -> None:
+        """Continues after the ``updates`` of an earlier process: the learning rate's fall and the
+        target network's period go on, and that process's random numbers are not drawn again."""
 
 
 def build_algorithm(config: RunConfig, network: QNetwork, device: Device) -> Algorithm:

@@ -146,6 +146,6 @@ class ValueBased:
         self._optimizer.load_state(state)
         self._step = self._new_step()  # an old recording would use the optimizer's old tensors
 
-    def reseed(self, updates: int) -> None:
+    def continue_from(self, updates: int) -> None:
         self._updates = updates
         self._augmentation.reseed(updates)

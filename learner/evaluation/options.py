@@ -1,6 +1,5 @@
 """What an evaluation plays: how many games, under how much chance."""
 
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +10,7 @@ import tyro
 from common.checked import Count, Fraction, FromOne
 from common.command_line.parser import check_bounds
 from common.errors import InputError
+from common.process.cores import usable_cores
 from common.registry import ENVIRONMENTS
 from common.settings.config import RunConfig
 from learner.telemetry.provenance import check_results_file
@@ -73,7 +73,7 @@ class EvaluationOptions:
     @property
     def at_once(self) -> int:
         """Number of games that are played at the same time."""
-        return min(self.processes or len(os.sched_getaffinity(0)), self.games)
+        return min(self.processes or usable_cores(), self.games)
 
     def measures(self, config: RunConfig, trained: RunConfig | None) -> Sequence[Measure]:
         """Returns the measurements to make.

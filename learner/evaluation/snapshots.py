@@ -70,16 +70,20 @@ class Snapshots:
     def keep_as_best(self, epoch: int, weights: bytes, card: dict[str, Any]) -> None:
         """Makes an epoch's ``weights`` `best`, and writes ``card`` beside them.
 
-        The card comes first, and decides: if a kill prevents the copy, `finish_best` makes it.
+        The card comes first, and decides: if a kill or a full disk prevents the copy, `finish_best`
+        makes it.
         """
         write_json(self.best_card, card | {_EPOCH: epoch, _CHECKSUM: crc32(weights)})
         write_atomically(self.best, weights)
 
-    def finish_best(self) -> None:
-        """Makes the copy of the best weights that a kill prevented."""
+    def finish_best(self, only: int | None = None) -> None:
+        """Makes the copy of the best weights that a kill or a full disk prevented; if ``only`` is
+        given, only of that epoch."""
         try:
             card = json.loads(read_file(self.best_card))
             epoch, checksum = build(FromOne, card[_EPOCH]), build(Count, card[_CHECKSUM])
+            if only not in (None, epoch):
+                return
             weights = self.read(epoch, checksum)
         except (*_UNREADABLE, UnusableSnapshot):
             return  # nothing is known of it, or its epoch's weights are gone: the copy was made

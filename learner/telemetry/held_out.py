@@ -63,8 +63,8 @@ class HeldOut:
         """Draws the fixed set from the replay, and writes it, unless there is one. A replay whose
         frames are all blind has no state for it."""
         if self._states is None and (states := self._drawn(self._count)) is not None:
-            self._states = states
             write_atomically(self._path, save({"frames": states[0], "vectors": states[1]}))
+            self._states = states
 
     def measure(self) -> None:
         """Measures max-Q with the present weights."""

@@ -17,6 +17,7 @@ from typing import Any
 
 from common.atomic_file import check_new_file
 from common.errors import InputError
+from common.process.cores import usable_cores
 
 
 @cache
@@ -40,7 +41,7 @@ def provenance() -> Mapping[str, Any]:
         "machine": {
             "system": f"{platform.system()} {platform.release()} {platform.machine()}",
             "cpu": _cpu_model(),
-            "cores": len(os.sched_getaffinity(0)),
+            "cores": usable_cores(),
             "memory_bytes": os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"),
             "gpus": gpu_models(),
         },

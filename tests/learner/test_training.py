@@ -264,7 +264,7 @@ class World:
                 update=self.update,
                 published=self.network,
                 is_finite=lambda: are_finite(list(self.network.parameters())),
-                reseed=lambda updates: self.log.append(("reseed", updates)),
+                continue_from=lambda updates: self.log.append(("continue_from", updates)),
             ),
             "held_out": SimpleNamespace(
                 draw=lambda: self.log.append("held out"),
@@ -426,7 +426,7 @@ def test_a_resumed_run_has_all_its_counters() -> None:
     assert again.pop("seconds") == pytest.approx(last["seconds"] + 7.0)
     assert again == {**{k: v for k, v in last.items() if k != "seconds"}, "tests": []}
     assert second.published[0][1] == 90
-    assert ("reseed", 90) in second.log
+    assert ("continue_from", 90) in second.log
     assert ("tests", [1]) in second.log
     assert second.said == ["Epoch 9 stays untested: its snapshot is missing."]
     assert ("actors", ["a"]) in second.log

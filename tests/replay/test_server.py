@@ -669,14 +669,17 @@ def test_the_next_request_tells_the_newest_priorities_in_order(place: Place) -> 
 
 
 def test_the_last_priorities_are_told_at_the_end(place: Place) -> None:
-    """They may be of steps from which nothing can be learned."""
-    insert(place.client, Actor("a", 4).live([GOES_ON] * 30, np.random.default_rng(0)))
+    """They may be of steps from which nothing can be learned. They draw nothing, so actors still
+    wait for the learner."""
+    insert(place.client, Actor("a", 4).live([GOES_ON] * 100, np.random.default_rng(0)))
+    assert place.buffer.progress().throttle
     place.remote.update_priorities(np.arange(1), np.full(1, np.nan, np.float32))
     place.remote.close()
     for _ in until_late():
         if not place.buffer._store.sampler.contains(np.arange(1)).any():
             break
     assert not place.buffer._store.sampler.contains(np.arange(1)).any()
+    assert place.buffer.progress().throttle
 
 
 def test_of_many_priorities_the_newest_are_told(

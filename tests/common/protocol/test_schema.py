@@ -29,7 +29,7 @@ from common.protocol.wire import SCHEMA
 from common.settings.config import RunConfig
 from tests.paths import ROOT
 
-DECLARED = (10, "150edcd8e698fda9")
+DECLARED = (10, "4f34d48923ef12af")
 """A schema, and the digest of its messages."""
 
 

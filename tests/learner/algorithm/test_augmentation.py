@@ -74,7 +74,7 @@ def test_an_algorithm_learns_from_shifted_states_by_the_runs_seed(name: str) -> 
     network = build_network(config, 6)
     algorithm = build_algorithm(config, network, Device(torch.device("cpu"), bfloat16=False))
     for updates in (0, 500):
-        algorithm.reseed(updates)
+        algorithm.continue_from(updates)
         shift = RandomShift(4, seed=5)
         shift.reseed(updates)
         prepared, expected = algorithm.prepare(batch), shift(batch)

@@ -156,7 +156,7 @@ def test_a_restored_state_is_recorded_anew(monkeypatch: pytest.MonkeyPatch) -> N
     before = copy.deepcopy(first.state())
     expected = _learned(first, CPU)
     first.load_state(before)
-    first.reseed(20)
+    first.continue_from(20)
     assert _learned(first, CPU) == pytest.approx(expected, nan_ok=True)
     assert len(made) == 2  # the former one knows where the optimizer's former tensors were
 

@@ -107,7 +107,7 @@ def test_a_checkpoint_keeps_both_and_gives_away_the_mean(tmp_path: Path) -> None
     assert encode_weights(played) != encode_weights(algorithm.online)
     resumed = _algorithm(0.9)
     Checkpoint(path, tmp_path / "previous", resumed, PRESETS["fast"]).load(print)
-    resumed.reseed(5)
+    resumed.continue_from(5)
     for each in (algorithm, resumed):
         for seed in range(5, 9):
             learn(each, random_batch(seed=seed))

@@ -109,7 +109,7 @@ def test_the_learning_rate_falls_and_goes_on_falling_after_a_resume(
     resumed = double_dqn(_network(), config, CPU)
     resumed.load_state(algorithm.state())
     for updates, moves in ((4, False), (3, True)):
-        resumed.reseed(updates)
+        resumed.continue_from(updates)
         before = copy.deepcopy(resumed.online.state_dict())
         learn(resumed, batch)
         after = resumed.online.state_dict()
@@ -141,7 +141,7 @@ def test_the_target_network_stands_still_until_its_period_is_over() -> None:
 
 def test_the_targets_period_goes_on_where_an_earlier_process_left_it() -> None:
     algorithm = double_dqn(_network(), LearningConfig(target_update_period=4), CPU)
-    algorithm.reseed(8 + 2)
+    algorithm.continue_from(8 + 2)
     for synced in (False, True, False):
         learn(algorithm, random_batch())
         online = algorithm.online.state_dict()
@@ -226,7 +226,7 @@ def test_the_native_kernel_goes_on_with_loaded_weights_and_after_each_update(
     algorithm, other = (double_dqn(_network(seed), LearningConfig(), device) for seed in (0, 1))
     learn(other, random_batch())
     algorithm.load_state({name: value.clone() for name, value in other.state().items()})
-    algorithm.reseed(1)  # whose learning rate is that of the second update
+    algorithm.continue_from(1)  # whose learning rate is that of the second update
     batch = random_batch(seed=2)
     for each in (algorithm, other):
         learn(each, batch)

@@ -552,6 +552,23 @@ def test_a_kill_between_the_card_and_the_weights_of_the_best_test_parts_them_for
     assert json.loads((tmp_path / "best.json").read_bytes())["mean_score"] == 12.0
 
 
+def test_a_full_disk_between_the_card_and_the_weights_of_the_best_test_loses_neither(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    coordinator = Place(tmp_path).coordinator
+    test = replace(epoch_test(2), scores=[5.0])
+    coordinator.add(epoch_test(2), b"weights of 2")
+    with monkeypatch.context() as full:
+        refused = Mock(side_effect=OSError(errno.ENOSPC, "No space left on device"))
+        full.setattr(snapshots, "write_atomically", refused)
+        with pytest.raises(OSError, match="No space"):
+            coordinator.settle(test, None)
+    coordinator.settle(test, None)  # as `insist` does
+    coordinator.sweep()
+    assert json.loads((tmp_path / "best.json").read_bytes())["epoch"] == 2
+    assert (tmp_path / "best.safetensors").read_bytes() == b"weights of 2"
+
+
 def test_a_snapshot_of_the_best_epochs_number_is_not_the_best_by_that(tmp_path: Path) -> None:
     """The run went on from the previous checkpoint, and its epoch 3 was played anew."""
     coordinator = Place(tmp_path).coordinator

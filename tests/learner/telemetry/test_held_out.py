@@ -14,6 +14,7 @@ from safetensors.torch import save
 from common.errors import InputError
 from common.settings.presets import PRESETS
 from learner.telemetry.held_out import LEAST_RECENT, RECENT, RECENT_STEPS, HeldOut
+from tests.full_disk import files_of_at_most
 
 CONFIG = PRESETS["fast"]
 
@@ -108,6 +109,15 @@ def test_the_set_is_drawn_once_as_soon_as_there_is_a_state(tmp_path: Path) -> No
         held.draw()
         held.measure()
         assert held.mean == (7.0 if number else None)
+
+
+def test_a_full_disk_delays_the_file_of_the_states(tmp_path: Path) -> None:
+    path = tmp_path / "held_out"
+    held = held_out(path, Memory())
+    with files_of_at_most(4096), pytest.raises(OSError, match="File too large"):
+        held.draw()
+    held.draw()  # as `insist` does
+    assert path.is_file()
 
 
 def test_the_held_out_states_are_kept_for_who_resumes(tmp_path: Path) -> None:

@@ -50,7 +50,7 @@ def test_means_weigh_the_latest_most() -> None:
 def test_some_pictures_of_a_large_minibatch_stand_for_all() -> None:
     means, batch = RunningMeans(), random_batch(PICTURES + 8, seed=1)
     batch.s_tm1[PICTURES:, -1] = 0
-    expected = batch.s_tm1[:PICTURES, -1].float().std(dim=(1, 2)).mean()
+    expected = batch.s_tm1[:PICTURES, -1].float().std(dim=(1, 2), unbiased=False).mean()
     means.add(batch, updated(1.0, torch.ones(8)))
     assert means.values()["learning/pixel_deviation"] == pytest.approx(float(expected))
 
