@@ -1,7 +1,8 @@
 """A training actor: it plays, sends its transitions, pauses when told to, and leaves."""
 
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from typing import Any
 
 from actors.counters import ActorCounters
@@ -31,8 +32,8 @@ class Actor:
         self._envs = envs
         self._policy = policy
         self._counters = ActorCounters(member.name, "actor", member.incarnation)
-        self._sync = PolicySync(member, policy)
-        self._inserts = InsertClient(member)
+        self._sync = PolicySync(member, policy, self._paused)
+        self._inserts = InsertClient(member, self._paused)
         self._obeyed: Ack | None = None
         self._chunkers = [
             Chunker(
@@ -87,10 +88,24 @@ class Actor:
                 )
                 self._member.stop.set()
 
+    @contextmanager
+    def _paused(self) -> Iterator[None]:
+        """Lets no game time pass while this actor waits, or it would come back to other games than
+        it left, and its next transitions would have that gap."""
+        with ExitStack() as stack:
+            for env in self._envs:
+                stack.enter_context(env.paused())
+            yield
+
     def _pause_while_throttled(self, step: Step) -> None:
-        then = time.monotonic()
         ack = self._inserts.last_ack
-        while ack is not None and ack.throttle and not self._member.stop.is_set():
+        if ack is not None and ack.throttle:
+            with self._paused():
+                self._wait_while_throttled(ack, step)
+
+    def _wait_while_throttled(self, ack: Ack, step: Step) -> None:
+        then = time.monotonic()
+        while ack.throttle and not self._member.stop.is_set():
             answer = self._inserts.poll()
             self._obey(answer)
             ack = answer or ack

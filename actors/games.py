@@ -25,7 +25,6 @@ import tyro
 
 from actors.counters import ActorCounters
 from actors.envs import make_env
-from actors.envs.clock import FRAME
 from actors.game_recorder import GameRecorder
 from actors.loop import play, seeds_of
 from actors.policy import Policy
@@ -80,7 +79,7 @@ def games(
                     "score": step.info.game_score,
                     **{name: counted[name] for name in _COUNTED},
                     "key_times": counters.key_times,
-                    "game_seconds": counted["decisions"] * config.play.frame_skip * FRAME,
+                    "game_seconds": counted["decisions"] / inner.rate,
                     "wall_seconds": env.seconds,
                     "game_hash": env.game_hash,
                     "ending_hash": env.ending_hash,

@@ -70,7 +70,7 @@ class ActorOptions:
     """Output as lines of JSON instead of plain lines."""
 
     def check(self) -> None:
-        self.clock.check()
+        self.clock.check(envs=self.envs)
         if self.evaluator and self.envs != 1:
             raise InputError("an evaluator plays one game at a time: omit --envs.")
         if self.evaluator and self.kernel == "native":

@@ -1,5 +1,8 @@
 """Keeps an actor up to date: the learner's weights, the run's present ε and difficulty."""
 
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
+
 from actors.member import Member
 from actors.policy import Policy
 from actors.stream.weights_client import WeightsClient
@@ -9,13 +12,23 @@ from common.protocol.weights import load_weights
 
 
 class PolicySync:
-    """Updates ``policy`` from what the learner and the replay send."""
+    """Updates ``policy`` from what the learner and the replay send.
 
-    def __init__(self, member: Member, policy: Policy) -> None:
+    Args:
+        paused: returns a context for a wait, in which no game time passes.
+    """
+
+    def __init__(
+        self,
+        member: Member,
+        policy: Policy,
+        paused: Callable[[], AbstractContextManager[object]] = nullcontext,
+    ) -> None:
         self._policy = policy
         self._weights = WeightsClient(member.transport, member.keys)
         self._config = member.config
         self._member = member
+        self._paused = paused
         self._has_weights = False
         self._difficulty = 0.0
         """Difficulty of the next game, from the last acknowledgement."""
@@ -46,7 +59,8 @@ class PolicySync:
         """Takes ε and the games' difficulty from the run; fetches weights that were missed."""
         self._difficulty = ack.difficulty
         if not ack.finished and (not self._has_weights or self._lags(ack)):
-            self._weights.fetch()
+            with self._paused():
+                self._weights.fetch()
             self.take_weights()
         # An untrained network repeats one action, so all play is random until the learner is there.
         epsilon = self._config.epsilon_at(ack.agent_steps)

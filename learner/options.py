@@ -128,7 +128,7 @@ class LearnerOptions(RunOptions):
             check_address(self.http)
         if self.web is not None:
             web_address(self.web)
-        self.clock.check(self.config.env)
+        self.clock.check(self.config.env, self.envs)
         if (flag := self.clock.robot_flag) and not self.local:
             raise InputError(f"{flag} is for --local: give it to each `python -m actors`.")
         self._refuse_ignored()

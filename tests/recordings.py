@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from actors.envs.checked import CheckedEnv
 from actors.loop import play
 from actors.policy import Policy
 from common.network import QNetwork
@@ -27,7 +28,7 @@ def record(
     """Records so many steps of random play; returns the environment, which remembers them."""
     env = NumberedEnv(script, config.play.frame_stack, width=config.vector_width)
     policy = Policy(QNetwork(6), 6, np.random.default_rng(0))
-    with closing(Recorder(env, config, folder)) as recorder:
+    with closing(Recorder(CheckedEnv(env, config), config, folder)) as recorder:
         for step in itertools.islice(play([recorder], policy, [0]), steps):
             recorder.add(step)
     return env

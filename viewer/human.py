@@ -20,6 +20,7 @@ import numpy as np
 import tyro
 from numpy.typing import NDArray
 
+from actors.envs import make_env
 from actors.envs.robot import RobotEnv
 from actors.loop import Step, play
 from actors.vision.layout import ASPECT, UNIT_SQUARE
@@ -81,7 +82,10 @@ class Human(Played):
             raise InputError(f"a person plays through a robot's hands: omit --env {config.env}.")
         terminal = Terminal(_LEAST_SIZE)
         # In a recording, episodes end at a lost life, as those of a run's actors do.
-        env = RobotEnv.of_run(config, REAL_TIME, training=self.record is not None)
+        env = make_env(config, REAL_TIME, training=self.record is not None)
+        if not isinstance(env, RobotEnv):
+            env.close()
+            raise InputError(f"a person cannot play --env {config.env}: omit it.")
         played: gymnasium.Env[Any, Any] = env
         recorder = None
         with closing(env), ExitStack() as end, terminal:

@@ -60,10 +60,9 @@ class Record(Played):
         self.tell_changes()
         policy_seed, env_seed = seeds_of(config.seed)
         policy = Policy.of_file(config, self.weights, self.epsilon, policy_seed)
-        minute = 60 * config.play.steps_per_second
-        total = self.minutes * minute or self.games or 1
         # Episodes end at a lost life, as those of a run's actors do.
         env = make_env(config, self.clock, training=True)
+        total = self.minutes * 60 * env.rate or self.games or 1
         with (
             closing(env),
             closing(Recorder(env, config, self.output)) as recorder,

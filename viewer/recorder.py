@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 
 from actors.envs.game_env import GameEnv
 from actors.envs.robot import RobotEnv
+from actors.envs.shown_env import ShownEnv
 from actors.loop import Step
 from actors.stream.chunker import STEP_VALUES
 from common.actions import Keys
 from common.counted import counted
-from common.dataset.layout import CAMERA, COLUMNS, Feature, step_features
+from common.dataset.layout import CAMERA, COLUMNS, MAX_EPISODE_STEPS, Feature, step_features
 from common.errors import InputError, writing
 from common.process.extras import extra_for
 from common.proprioception import KEYS
@@ -46,7 +47,7 @@ class Recorder(gymnasium.Wrapper[Any, Any, Any, Any]):
     until their game ends; the video is written at once.
     """
 
-    def __init__(self, env: gymnasium.Env[Any, Any], config: RunConfig, folder: Path) -> None:
+    def __init__(self, env: ShownEnv[Any, Any], config: RunConfig, folder: Path) -> None:
         """Starts a recording. Raises InputError if ``folder`` exists already, it cannot be written,
         or pyarrow is missing."""
         with extra_for("a recording", "record"):
@@ -67,7 +68,7 @@ class Recorder(gymnasium.Wrapper[Any, Any, Any, Any]):
         with writing(folder):
             folder.mkdir(parents=True)
             try:
-                self.dataset = DatasetWriter(folder, config, features, robot)
+                self.dataset = DatasetWriter(folder, config, features, robot, env.rate)
             except OSError:
                 shutil.rmtree(folder, ignore_errors=True)  # or the next try would be refused
                 raise
@@ -77,7 +78,7 @@ class Recorder(gymnasium.Wrapper[Any, Any, Any, Any]):
         self._film: Add
         self._filming = ExitStack()
         self._seen: _Seen = {}, None
-        self._was_cut = False
+        self._was_cut = self._is_too_long = False
 
     @property
     def steps(self) -> int:
@@ -97,7 +98,11 @@ class Recorder(gymnasium.Wrapper[Any, Any, Any, Any]):
         return self.env.step(action)
 
     def add(self, step: Step) -> None:
-        """Records the step that was just played."""
+        """Records the step that was just played. The rest of a game that is longer than any that a
+        reader takes (`MAX_EPISODE_STEPS`) is left out."""
+        if self._is_too_long:
+            self._is_too_long = not step.info.game_over
+            return
         row = {COLUMNS[name]: value(step) for name, value in STEP_VALUES.items()}
         # The loop overwrites its states in place.
         row[COLUMNS["frames"]] = step.s_tm1[-1].copy()
@@ -116,6 +121,9 @@ class Recorder(gymnasium.Wrapper[Any, Any, Any, Any]):
                 self._sampled.append(picture)
         self._rows.append(row | columns)
         if step.info.game_over:
+            self.cut()
+        elif len(self._rows) == MAX_EPISODE_STEPS:
+            self._is_too_long = True
             self.cut()
 
     def cut(self) -> None:

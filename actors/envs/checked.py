@@ -123,7 +123,14 @@ class CheckedEnv(gymnasium.Wrapper[Any, Any, Any, Any], ShownEnv[Any, Any]):
                 f"{self._name} says that a step took {told.elapsed} agent steps: give 1 to "
                 f"{MAX_ELAPSED}; 0 is for a reset."
             )
-        # If a time limit passes as the episode ends, Gymnasium's wrapper says both. It has ended.
+        if told.game_over and not (terminated or truncated):
+            raise InputError(
+                f"{self._name} goes on after a game is over: let that step be terminated or "
+                "truncated."
+            )
+        if truncated:  # Gymnasium's wrapper for time limits does not know of games
+            info = {**info, "game_over": True}
+        # If a time limit passes as the episode ends, that wrapper says both. It has ended.
         return observation, reward, terminated, truncated and not terminated, info
 
     def _checked(self, observation: Any) -> NDArray[np.uint8]:

@@ -6,8 +6,8 @@ is therefore the same under both.
 
 import threading
 import time
-from collections.abc import Callable
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import replace
 from typing import Protocol
 
@@ -36,7 +36,11 @@ class Clock(Protocol):
         """Lets no time pass until the next `start`."""
 
     def still(self) -> AbstractContextManager[object]:
-        """Returns a context in which the world stands still, so that it can be looked at."""
+        """Returns a context in which the world stands still, so that it can be looked at; what is
+        late then is made up for."""
+
+    def paused(self) -> AbstractContextManager[object]:
+        """Returns a context in which no time passes."""
 
     def command(self, action: int) -> list[AgentStep]:
         """Gives a command; returns the agent steps that passed before it because it came late."""
@@ -63,6 +67,9 @@ class Lockstep:
     def stop(self) -> None: ...
 
     def still(self) -> AbstractContextManager[object]:
+        return nullcontext()
+
+    def paused(self) -> AbstractContextManager[object]:
         return nullcontext()
 
     def command(self, action: int) -> list[AgentStep]:
@@ -151,10 +158,18 @@ class RealTime:
     def still(self) -> AbstractContextManager[object]:
         return self._changed
 
+    @contextmanager
+    def paused(self) -> Iterator[None]:
+        with self._changed:
+            yield
+            self._deadlines.restart()
+
     def command(self, action: int) -> list[AgentStep]:
         with self._changed:
-            self._world.command(action)
-            return self._take()
+            passed = self._take()
+            if not (passed and passed[-1].ended):  # else it would be of the next episode
+                self._world.command(action)
+            return passed
 
     def pass_agent_step(self) -> list[AgentStep]:
         """Returns the next agent steps, as `Clock.pass_agent_step`.

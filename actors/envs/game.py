@@ -12,8 +12,10 @@ import numpy as np
 from numpy.random import Generator
 
 from actors.envs.emulator import Emulator
+from common.checked import Fraction
 from common.settings.conditions import PERFECT_CAMERA, CameraConfig, Conditions, PlayConfig
 from common.settings.ranges import NOTHING_DRAWN, RandomiseConfig, draw
+from common.settings.stored_config import from_mapping
 
 
 class AtariGame:
@@ -81,7 +83,7 @@ class AtariGame:
         """
         new = seeded or bool(options.get("new_game")) or not self._carries_on
         if new:
-            difficulty = float(options.get("difficulty", 1.0))
+            difficulty = from_mapping(Fraction, options.get("difficulty", 1.0), "difficulty")
             self.conditions = draw(*self._usual, self._randomise, rng.random, difficulty)
             self.start_anew(rng, power_on=seeded)
         else:

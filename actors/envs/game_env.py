@@ -1,7 +1,6 @@
 """`GameEnv`: what `AtariEnv` and `RobotEnv` share."""
 
 from collections.abc import Callable
-from contextlib import AbstractContextManager, nullcontext
 from typing import Any
 
 import gymnasium
@@ -65,10 +64,6 @@ class GameEnv(ShownEnv[Observation, np.int64]):
     def actions(self) -> tuple[int, ...]:
         """ALE's numbers of the actions on offer."""
         return self._game.actions
-
-    def still(self) -> AbstractContextManager[object]:
-        """Returns a context in which the world stands still, so that it can be looked at."""
-        return nullcontext()
 
     def ram(self) -> NDArray[np.uint8]:
         """Returns the console's present memory, ``uint8 [128]``."""

@@ -104,6 +104,9 @@ class RobotEnv(GameEnv):
     def still(self) -> AbstractContextManager[object]:
         return self._clock.still()
 
+    def paused(self) -> AbstractContextManager[object]:
+        return self._clock.paused()
+
     @property
     def seen(self) -> NDArray[np.uint8]:
         """The camera's last picture, ``uint8 [240, 320, 3]``."""

@@ -1,6 +1,7 @@
 """`ShownEnv`: all that viewers know of an environment, whoever made it."""
 
 from abc import abstractmethod
+from contextlib import AbstractContextManager, nullcontext
 
 import gymnasium
 import numpy as np
@@ -32,6 +33,14 @@ class ShownEnv(gymnasium.Env[ObsType, ActType]):
     @abstractmethod
     def seen(self) -> NDArray[np.uint8]:
         """The picture of the last state, ``uint8 [rows, columns, 3]``, to be shown 4:3."""
+
+    def still(self) -> AbstractContextManager[object]:
+        """Returns a context in which the world stands still, so that it can be looked at."""
+        return nullcontext()
+
+    def paused(self) -> AbstractContextManager[object]:
+        """Returns a context for a wait between two steps, in which no game time passes."""
+        return nullcontext()
 
     @property
     def wanted(self) -> Keys:

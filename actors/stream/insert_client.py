@@ -5,6 +5,8 @@ away, or too slow) it is sent again, and the server drops duplicates.
 """
 
 import time
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 
 from actors.absence import Absence
 from actors.member import Member
@@ -21,14 +23,21 @@ _AWAY = 2.0
 
 
 class InsertClient:
-    """Keeps at most ``stream.window`` chunks unacknowledged; `send` waits for room."""
+    """Keeps at most ``stream.window`` chunks unacknowledged; `send` waits for room.
 
-    def __init__(self, member: Member) -> None:
+    Args:
+        paused: returns a context for a wait, in which no game time passes.
+    """
+
+    def __init__(
+        self, member: Member, paused: Callable[[], AbstractContextManager[object]] = nullcontext
+    ) -> None:
         self.made = 0
         self.acked = 0
         self.refused = 0
         self.last_ack: Ack | None = None
         self._member = member
+        self._paused = paused
         self.window = member.config.stream.window
         self._missed_since: float | None = None
         self._absence = Absence(member, "hub", "actor")
@@ -57,9 +66,12 @@ class InsertClient:
             InputError: there was no hub for longer than the patience.
         """
         self.post(payload)
-        while self.unacknowledged >= self.window and not self._member.stop.is_set():
-            self._look_for_hub()
-            self._inserts.wait(self.window - 1, _PAUSE)
+        if self.unacknowledged < self.window:
+            return
+        with self._paused():
+            while self.unacknowledged >= self.window and not self._member.stop.is_set():
+                self._look_for_hub()
+                self._inserts.wait(self.window - 1, _PAUSE)
 
     def flush(self, seconds: float) -> None:
         """Waits until everything is acknowledged: at most this long, less if the hub is away."""

@@ -53,12 +53,19 @@ class DatasetWriter:
     Args:
         features: the columns, and the camera's video if there is one.
         robot: the robot's type, as LeRobot calls it.
+        rate: rows per second of game time.
     """
 
     def __init__(
-        self, folder: Path, config: RunConfig, features: Mapping[str, Feature], robot: str
+        self,
+        folder: Path,
+        config: RunConfig,
+        features: Mapping[str, Feature],
+        robot: str,
+        rate: float,
     ) -> None:
         self.folder = folder
+        self.rate = rate
         self._config = config
         self._features = {**features, **BOOKKEEPING}
         self._columns = {
@@ -69,11 +76,6 @@ class DatasetWriter:
         self.episodes = self.steps = 0
         tasks = {"task_index": [0], "task": [self._task]}
         self._write(folder / TASKS, pa.table(tasks), {"pandas": json.dumps(_PANDAS)})
-
-    @property
-    def rate(self) -> float:
-        """Rows per second of game time."""
-        return self._config.play.steps_per_second
 
     @property
     def video(self) -> Path:

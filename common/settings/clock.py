@@ -19,13 +19,15 @@ class ClockConfig:
     speed: float = 1.0
     """Speed of game and physics with --no-sync, game seconds per second."""
 
-    def check(self, env: str | None = None) -> None:
-        """Checks that the settings can work, in the environment called ``env`` if it is known.
-        Raises InputError with the flag at fault and what to do."""
+    def check(self, env: str | None = None, envs: int = 1) -> None:
+        """Checks that the settings can work, in the environment called ``env`` if it is known, with
+        so many ``envs`` in a process. Raises InputError with the flag at fault and what to do."""
         if not 0 < self.speed < float("inf"):
             raise InputError(f"--speed is {self.speed}: choose a finite number above 0.")
         if self.sync and self.speed != 1.0:
             raise InputError("--speed is for --no-sync: with --sync time goes as fast as it can.")
+        if envs > 1 and not self.sync:  # while one waits for its agent step, others miss theirs
+            raise InputError("--no-sync needs an actor for each environment: omit --envs.")
         if env and (flag := self.robot_flag) and not ENVIRONMENTS.find(env).robot:
             raise InputError(f"{flag} is for a robot, and --env {env} has none: omit it.")
 

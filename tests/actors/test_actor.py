@@ -2,6 +2,7 @@
 
 import threading
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
 
@@ -210,6 +211,27 @@ def test_while_the_learner_is_behind_it_pauses(stage: Stage) -> None:
     stage.stop.set()
     stage.ended()
     assert len(env.moments) > lived
+
+
+def test_no_game_time_passes_while_it_waits(stage: Stage, monkeypatch: pytest.MonkeyPatch) -> None:
+    """For the learner that is behind, and for weights that it missed."""
+    pauses: list[str] = []
+
+    @contextmanager
+    def paused(env: CheckedEnv) -> Iterator[None]:
+        pauses.append("begin")
+        yield
+        pauses.append("end")
+
+    monkeypatch.setattr(CheckedEnv, "paused", paused)
+    monkeypatch.setattr(WeightsClient, "fetch", lambda self: pauses.append("fetch"))
+    stage.replay.ack = replace(STORED, throttle=True)
+    stage.start(NumberedEnv([GOES_ON]))
+    wait_until(lambda: stage.replay.polls >= 20, "it has polled often")
+    assert pauses[:3] == ["begin", "fetch", "end"]
+    stage.replay.ack = replace(STORED, finished=True)
+    stage.ended()
+    assert pauses.count("begin") == pauses.count("end") > 1
 
 
 def test_a_finished_run_ends_it_even_in_a_pause(stage: Stage) -> None:

@@ -18,6 +18,7 @@ from common.protocol.run_keys import check_name
         ("--envs 257", "--envs is 257: choose at most 256"),
         ("--seed -1", "--seed is -1: choose 0 or more"),
         ("--evaluator --envs 2", "omit --envs"),
+        ("--no-sync --envs 2", "--no-sync needs an actor for each environment: omit --envs"),
         ("--speed 2", "--speed is for --no-sync"),
         ("--check -o p.png", "--check is a command of its own: call `ale-robot check`"),
         ("--viewer=rerun", "--viewer is for `ale-robot play`: call that"),

@@ -217,6 +217,23 @@ def test_a_time_limit_that_passes_as_the_game_ends_is_none(limit: int) -> None:
     assert ends[-1] == (limit == GAME_STEPS, limit < GAME_STEPS)
 
 
+def test_a_time_limit_ends_the_game_too() -> None:
+    """Or it would never be counted, and an evaluation would wait for ever."""
+    env = shown(gymnasium.wrappers.TimeLimit(Lamps(CONFIG.play), 3))
+    told = [env.step(0)[4]["game_over"] for _ in range(3)]
+    assert told == [False, False, True]
+
+
+def test_a_game_that_is_over_in_the_middle_of_an_episode_is_refused() -> None:
+    class GoesOn(Lamps):
+        def step(self, action: Any) -> Any:
+            observation, reward, *_, info = super().step(action)
+            return observation, reward, False, False, info
+
+    with pytest.raises(InputError, match=r"^the environment lamps goes on after a game is over"):
+        shown(GoesOn(CONFIG.play), *[0] * GAME_STEPS)
+
+
 @pytest.mark.parametrize(
     ("reward", "elapsed", "told"),
     [

@@ -301,3 +301,14 @@ print(json.dumps({
         errors = [float(np.abs(picture - each).mean()) for each in shown]
         assert errors[at] < 1
         assert errors[at] == min(errors)
+
+
+def test_a_game_that_no_reader_would_take_is_cut(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("viewer.recorder.MAX_EPISODE_STEPS", 5)
+    script = [*[GOES_ON] * 8, GAME_OVER, GOES_ON, GAME_OVER]
+    record(tmp_path / "d", script, len(script))
+    games = list(Dataset(tmp_path / "d").read())
+    assert [rows["truncated"].tolist() for rows in games] == [[False] * 4 + [True], [False] * 2]
+    assert [bool(rows["terminated"][-1]) for rows in games] == [False, True]

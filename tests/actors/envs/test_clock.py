@@ -198,6 +198,36 @@ def test_a_late_agent_gets_what_it_missed(hand: HandTime, run: Callable[..., Rea
     assert world.under == [1] * 14 + [2] * 2
 
 
+def test_nothing_passes_while_the_agent_waits_for_something_else(
+    hand: HandTime, run: Callable[..., RealTime]
+) -> None:
+    world = CountingWorld()
+    clock = run(world)
+    hand.go_on(2 * FRAME)
+    late = clock.late_frames
+    with clock.paused():
+        hand._seconds += 100 * AGENT_STEP
+        with clock.still():  # somebody looks at it meanwhile
+            assert world.frames == 2
+    hand.go_on(2 * FRAME)  # in time, from there
+    assert world.frames == SKIP
+    assert clock.late_frames == late + 1  # the first of the two that were due at once
+    assert numbers(clock.command(0)) == [1]
+
+
+def test_a_command_after_the_end_is_for_nobody(
+    hand: HandTime, run: Callable[..., RealTime]
+) -> None:
+    world = CountingWorld(ends=2)
+    clock = run(world)
+    clock.command(1)
+    hand.go_on(3 * AGENT_STEP)
+    assert [each.ended for each in clock.command(2)] == [False, True]
+    clock.start()
+    hand.go_on(AGENT_STEP)
+    assert set(world.under) == {1}
+
+
 def test_nothing_passes_after_an_end_until_the_next_start(
     hand: HandTime, run: Callable[..., RealTime]
 ) -> None:

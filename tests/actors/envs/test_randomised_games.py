@@ -16,6 +16,7 @@ from actors.envs.frame_camera import FrameCamera
 from actors.envs.observation import frames_and_vector
 from actors.envs.robot import RobotEnv
 from actors.vision.layout import GAME_IN_PICTURE
+from common.errors import InputError
 from common.settings.conditions import CameraConfig, PlayConfig
 from common.settings.config import RunConfig
 from common.settings.ranges import RandomiseConfig, all_ranges, draw
@@ -157,6 +158,13 @@ def test_a_reset_may_ask_for_a_share_of_the_ranges(env_name: str, robot: RobotEn
         for share in (0.25, 1.0)
     )
     assert env.conditions == quarter != whole
+
+
+@pytest.mark.parametrize("share", [-0.1, 1.1, float("nan"), "half", None])
+def test_a_share_that_is_none_is_refused(share: Any) -> None:
+    env = AtariEnv("pong", play=PLAY, randomise=all_ranges("ale"))
+    with pytest.raises(InputError, match="difficulty"):
+        env.reset(seed=3, options={"difficulty": share})
 
 
 def test_the_emulator_draws_conditions_for_each_game_too() -> None:

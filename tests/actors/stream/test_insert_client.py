@@ -4,6 +4,7 @@ import math
 import threading
 import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 
 import pytest
@@ -42,8 +43,16 @@ class Sender:
         self.client = InsertClient(
             Member(
                 *("a", client, RunKeys("r"), CONFIG, patience, self.stop, 1, self.warnings.append)
-            )
+            ),
+            self._paused,
         )
+        self.pauses: list[str] = []
+
+    @contextmanager
+    def _paused(self) -> Iterator[None]:
+        self.pauses.append("begin")
+        yield
+        self.pauses.append("end")
 
     def beside(self, work: Callable[[], object]) -> threading.Thread:
         thread = threading.Thread(target=work, daemon=True)
@@ -91,14 +100,17 @@ def test_send_returns_while_there_is_room_and_waits_at_the_window(
     replay: PendingRequests, sender: Sender
 ) -> None:
     sender.client.send(b"first")  # returns: one more may be under way
+    assert sender.pauses == []
     waiting = sender.beside(lambda: sender.client.send(b"second"))
     first, second = replay.next(), replay.next()
     assert [first.payload, second.payload] == [b"first", b"second"]
     waiting.join(0.3)
     assert waiting.is_alive()
     assert sender.client.unacknowledged == WINDOW
+    assert sender.pauses == ["begin"]
     acknowledge(second)
     joined(waiting)
+    assert sender.pauses == ["begin", "end"]
     assert sender.client.unacknowledged == 1
     acknowledge(first)
     sender.settled()
