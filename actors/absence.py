@@ -1,5 +1,6 @@
 """`Absence`: how an actor waits for a process that went away, and when it gives up."""
 
+import math
 from dataclasses import dataclass
 
 from actors.member import Member
@@ -35,10 +36,9 @@ class Absence:
             )
         if seconds > _TELL_AFTER and not self._told:
             self._told = True
-            self.member.warn(
-                f"the {self.other} does not answer: waiting up to {self.member.patience:.0f} s for "
-                "it."
-            )
+            patience = self.member.patience
+            most = f" up to {patience:.0f} s" if math.isfinite(patience) else ""
+            self.member.warn(f"the {self.other} does not answer: waiting{most} for it.")
 
     def ends(self) -> None:
         """Notes that the other process answers."""

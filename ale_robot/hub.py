@@ -112,7 +112,7 @@ class Pull:
                 _ask("hf_hub_download", self.repository, **of_commit, local_dir=temporary)
             fetched = Path(temporary) / weights
             content = read_file(fetched, MAX_WEIGHTS)
-            told = _card_of(fetched)
+            told = _card_of(fetched, f"{weights} of {self.repository}")
             if told.get("sha256") != hashlib.sha256(content).hexdigest():
                 raise InputError(
                     f"{weights} of {self.repository} does not match its card: pull again, or ask "
@@ -140,8 +140,8 @@ def _pair(repository: str, files: dict[str, Any]) -> tuple[str, str]:
     return f"{stems[0]}.safetensors", f"{stems[0]}.json"
 
 
-def _card_of(weights: Path) -> dict[str, Any]:
-    """Returns the card beside ``weights``.
+def _card_of(weights: Path, called: str = "") -> dict[str, Any]:
+    """Returns the card beside ``weights``, which people know as ``called``.
 
     Raises:
         InputError: there is none, or publishing was interrupted before the evaluation.
@@ -156,7 +156,7 @@ def _card_of(weights: Path) -> dict[str, Any]:
     except (OSError, ValueError, AttributeError, RecursionError):
         pass
     raise InputError(
-        f"{weights} has no {lacks}: make it with python -m learner.publish runs/NAME -o NAME."
+        f"{called or weights} has no {lacks}: make it with `ale-robot publish RUN -o NAME`."
     )
 
 

@@ -21,7 +21,7 @@ from typing import Any, get_args
 import cv2
 
 from common.command_line.parser import parse
-from common.command_line.played import Played, parse_played
+from common.command_line.played import parse_played
 from common.errors import InputError
 from common.process.lifeline import on_signals
 from common.process.log_lines import LOADING, say, say_aside
@@ -55,12 +55,10 @@ def main() -> int:
         raise InputError("--weights is gone: name the network alone, as in `watch robot_pong`.")
     command: Any
     if kind is None:
-        command = parse(EVERY, "viewer", [name, *arguments])
-    elif issubclass(kind, Played):
-        command = parse_played(kind, f"viewer {name}", arguments)
-        command.check()
+        command = parse(EVERY, "viewer", [name, *arguments])  # which tells the commands, and ends
     else:
-        command = parse(kind, f"viewer {name}", arguments)
+        command = parse_played(kind, f"viewer {name}", arguments)
+    command.check()
     # A line would be in the picture that a terminal shows.
     stop = threading.Event() if isinstance(command, Watch | Human) else _ToldStop()
     on_signals(stop)

@@ -33,6 +33,15 @@ class ShownPolicy(Policy):
 
     def act(self, frames: NDArray[np.uint8], vectors: NDArray[np.float32]) -> NDArray[np.int64]:
         """Acts as `Policy.act` does, for one environment."""
-        if self.epsilon < 1.0:
-            self.values = self.q_values(frames, vectors)[0]
-        return super().act(frames, vectors)
+        chosen = super().act(frames, vectors)
+        if self.epsilon < 1.0 and self.explored[0]:  # which asked for no values
+            self.q_values(frames, vectors)
+        return chosen
+
+    def q_values(
+        self, frames: NDArray[np.uint8], vectors: NDArray[np.float32]
+    ) -> NDArray[np.float32]:
+        """Returns what `Policy.q_values` does, and keeps it."""
+        values = super().q_values(frames, vectors)
+        self.values = values[0]
+        return values

@@ -49,7 +49,7 @@ class Eye:
         """The oldest of them at the `look` before."""
 
     def begin_game(self) -> None:
-        """Forgets everything; call it after `Robot.begin_game`."""
+        """Forgets screen and pictures; call it after `Robot.begin_game`."""
         # A seeded game may know nothing of an earlier one, not even where the screen was.
         self._detector = ScreenDetector(self._camera.distortion)
         self.detection = _UNSEEN

@@ -58,8 +58,8 @@ class LatencyEqualiser:
         self._schedule.seen_late = frames
 
     def time(self, keys: Keys) -> None:
-        """Finds out how long the hands take to release and to press each of ``keys``; lets them
-        rest afterwards."""
+        """Finds out how long the hands take to release and to press each of ``keys``, which leaves
+        them anywhere."""
         latencies = key_latencies(self._hands, keys, self._give)
         if self._plan is not None:
             self._plan.time(latencies)

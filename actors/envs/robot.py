@@ -17,9 +17,10 @@ from actors.envs.game_env import GameEnv
 from actors.envs.observation import Observation
 from actors.envs.step_info import StepInfo
 from actors.envs.world import AgentStep, World
-from actors.robots.interface import Robot, ViewName
+from actors.robots.interface import Robot
 from actors.vision.screen_detector import Detection
 from common.errors import InputError
+from common.protocol.live_view import ViewName
 from common.registry import ROBOTS
 from common.settings.clock import ClockConfig
 from common.settings.conditions import DEFAULT_PLAY, PERFECT_CAMERA, CameraConfig, PlayConfig

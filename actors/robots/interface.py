@@ -3,18 +3,15 @@
 A new robot is a module that implements `Robot` and an entry in `common.registry.ROBOTS`.
 """
 
-from typing import Literal, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
 from common.actions import Keys
+from common.protocol.live_view import ViewName
 from common.settings.conditions import Conditions
-
-ViewName = Literal["room", "hands", "front"]
-"""Views for people: the robot and its surroundings, its hands on the keys, or the robot from the
-front."""
 
 
 class Hands(Protocol):
@@ -41,8 +38,8 @@ class Robot(Hands, Protocol):
     """
 
     def begin_game(self, conditions: Conditions, rng: Generator) -> None:
-        """Sets hands and eye as ``conditions`` say, before a game begins with `rest`; the eye
-        forgets all earlier pictures.
+        """Sets hands and eye as ``conditions`` say, for a new game; the eye forgets all earlier
+        pictures. It may be called again before the game's first step.
 
         Args:
             rng: the game's generator; it seeds what changes within the game, such as noise.

@@ -16,8 +16,11 @@ from common.errors import MessageError
 from common.protocol.message import Message
 from common.settings.config import MAX_ENVS
 
-Viewpoint = Literal["none", "room", "hands", "front"]
-"""Viewpoint on a robot, beside its own camera's picture; ``none`` needs no rendering."""
+ViewName = Literal["room", "hands", "front"]
+"""Viewpoint of a person: the robot and its surroundings, its hands on the keys, or the robot from
+the front."""
+Viewpoint = ViewName | Literal["none"]
+"""The same for a request; ``none`` needs no rendering beside the robot's own picture."""
 MAX_PICTURE_BYTES = 96 * 1024
 MAX_SIDE = 640
 """Maximum width and height of a picture, pixels."""

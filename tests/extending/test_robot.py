@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from actors.envs import make_env
 from actors.envs.robot import RobotEnv
-from actors.robots.interface import Robot, ViewName
+from actors.robots.interface import Robot
 from common.actions import Keys
+from common.protocol.live_view import ViewName
 from common.registry import ROBOTS, RobotKind
 from common.settings.clock import ClockConfig
 from common.settings.conditions import CameraConfig, Conditions, PlayConfig

@@ -2,7 +2,9 @@
 
 Most terminals report keys that go down, and repeat them while they stay down, but do not report
 releases. So a key counts as held until its next repeat is overdue. Some terminals report releases
-of arrow keys on request (kitty's keyboard protocol; `Terminal` requests it).
+of arrow keys on request (kitty's keyboard protocol; `Terminal` requests it). There an arrow is held
+until its release, or until another window gets the keyboard, because a terminal repeats only the
+key that went down last.
 """
 
 import re
@@ -11,8 +13,8 @@ from common.actions import OPPOSITES, Keys
 
 HOLD = 0.15
 """Seconds for which a key counts as held after its last repeat."""
-LONGEST_HOLD = 1.0
-"""The same if the terminal reports releases, in case it misses one, for instance without focus."""
+LONGEST_HOLD = 10.0
+"""The same for an arrow if the terminal reports releases, in case it misses one."""
 
 _SENT: dict[bytes, Keys] = {
     b"A": Keys.UP,
@@ -35,6 +37,7 @@ _TOKEN = re.compile(
 _REPEATED, _LET_GO = b":2", b":3"
 _TELLS = 2
 _ESCAPE = b"\x1b"
+_FOCUS_LOST = b"\x1b[O"
 _UNFINISHED = re.compile(rb"\x1b([\[O][?0-9;:]*|_G[^\x1b]{0,99}\x1b?)?\Z")
 
 
@@ -71,6 +74,8 @@ class HeldKeys:
                 self._press(_SENT[match["arrow"]], now + self._arrow_hold)
             elif match["flags"] and int(match["flags"]) & _TELLS:
                 self._arrow_hold = LONGEST_HOLD
+            elif token == _FOCUS_LOST:
+                self._until.clear()
             elif token == b" ":
                 self._press(Keys.FIRE, now + HOLD)
             elif token in (b"q", b"Q", b"\x04"):

@@ -14,8 +14,8 @@ from common.errors import InputError
 
 # Switch to the alternate screen, hide the cursor, and clear. Then, by kitty's protocol, which other
 # terminals ignore: report releases of arrow keys, and answer whether this is supported.
-_OPEN = "\x1b[?1049h\x1b[?25l\x1b[2J\x1b[>2u\x1b[?u"
-_CLOSE = "\x1b[<u\x1b[0m\x1b[?25h\x1b[?1049l"
+_OPEN = "\x1b[?1049h\x1b[?25l\x1b[2J\x1b[?1004h\x1b[>2u\x1b[?u"
+_CLOSE = "\x1b[<u\x1b[?1004l\x1b[0m\x1b[?25h\x1b[?1049l"
 
 
 def size_of(descriptor: int) -> tuple[int, int]:

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from actors.robots.interface import ViewName
 from actors.robots.nao.controller import Controller
 from actors.robots.nao.meshes import check_meshes
 from actors.robots.nao.posture import ARM_JOINTS, HELD_ANGLES, TORSO_ORIGIN
@@ -22,6 +21,7 @@ from actors.robots.room.furniture import DESK_TOP, Furniture
 from actors.robots.room.silence import silenced
 from actors.robots.room.viewpoint import Views
 from common.errors import InputError
+from common.protocol.live_view import ViewName
 
 _MOVING = tuple(side + name for side in "LR" for name in ARM_JOINTS)
 _ON_THE_TORSO = "LShoulderPitch"

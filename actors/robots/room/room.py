@@ -14,7 +14,6 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from actors.robots.interface import ViewName
 from actors.robots.room.body import Limbs, Pressed
 from actors.robots.room.camera import Mount
 from actors.robots.room.engine import open_engine
@@ -27,6 +26,7 @@ from actors.robots.room.still_view import StillView
 from actors.robots.room.viewpoint import Viewpoint, Views
 from common.actions import Keys
 from common.games import SCREEN_SHAPE
+from common.protocol.live_view import ViewName
 from common.settings.conditions import (
     DEFAULT_PLAY,
     FRAMES_PER_SECOND,

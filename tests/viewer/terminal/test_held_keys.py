@@ -75,11 +75,23 @@ def test_where_letting_go_is_told_arrows_are_held_until_then() -> None:
     held.feed(b"\x1b[1;1:2A\x1b[1;1:1C", 0.5)
     held.feed(b"\x1b[1;2:3A", 0.6)
     assert held.held(0.6) == Keys.RIGHT
-    # Let go while another window had the keyboard.
+    # Another key ends the repeats of the one before.
+    held.feed(b" ", 0.7)
+    assert held.held(0.5 + 0.9 * LONGEST_HOLD) == Keys.RIGHT
     assert held.held(0.5 + LONGEST_HOLD) == Keys.NONE
-    held.feed(b"\x1b[1;1:3B", 1.6)
-    assert held.held(1.6) == Keys.NONE
+    held.feed(b"\x1b[1;1:3B", 11.0)
+    assert held.held(11.0) == Keys.NONE
     assert not held.wants_out
+
+
+def test_without_the_keyboard_nothing_is_held() -> None:
+    held = HeldKeys()
+    held.feed(b"\x1b[?2u\x1b[I\x1b[C ", 0.0)
+    assert held.held(0.05) == Keys.RIGHT | Keys.FIRE
+    held.feed(b"\x1b[O", 0.05)
+    assert held.held(0.06) == Keys.NONE
+    held.feed(b"\x1b[I\x1b[OA", 0.1)  # lost once more; then a letter
+    assert held.held(0.1) == Keys.NONE
 
 
 def test_a_tap_between_two_looks_is_seen_once() -> None:

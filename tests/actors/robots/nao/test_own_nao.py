@@ -6,12 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from actors.robots.interface import ViewName
 from actors.robots.nao.assembly import write_nao
 from actors.robots.nao.own_nao import OwnNao
 from actors.robots.nao.robot import Nao
 from common.actions import Keys
 from common.errors import InputError
+from common.protocol.live_view import ViewName
 from common.settings.conditions import PERFECT_CAMERA, CameraConfig
 
 GAME = np.random.default_rng(0).integers(0, 256, (210, 160, 3), np.uint8)

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from actors.robots.interface import ViewName
 from actors.robots.nao.controller import KEY_PLACES, PRESS_DEPTH, RELEASE_DEPTH
 from actors.robots.nao.robot import Nao
 from actors.robots.room import scene
@@ -15,6 +14,7 @@ from actors.robots.room.camera import Camera, Rendering
 from actors.robots.room.viewpoint import _MAX_KEPT, VISITOR
 from actors.vision.window import Window
 from common.actions import KEYS_OF_ACTION, Keys
+from common.protocol.live_view import ViewName
 
 GAME = np.full((210, 160, 3), (200, 40, 90), np.uint8)
 
