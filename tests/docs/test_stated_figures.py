@@ -7,6 +7,7 @@ made from the file.
 
 import json
 import re
+from collections import Counter
 from collections.abc import Iterator
 from typing import Any
 
@@ -116,3 +117,15 @@ def test_each_table_of_speed_is_made_by_make_bench() -> None:
     made = {name for benchmark in BENCHMARKS.values() for name in benchmark.published}
     assert not tables - made - {*_MADE_ELSEWHERE}
     assert {*_MADE_ELSEWHERE} <= tables
+
+
+def test_the_goals_of_speed_are_counted() -> None:
+    """Each status begins with one of three words; the sentence above has their numbers."""
+    page = PAGE.read_text(encoding="utf-8")
+    page = page[page.index("## Speed") :]
+    table = page[page.index("| quantity | goal |") :].split("\n\n")[0].splitlines()[2:]
+    counts = Counter(re.split(r"[ :;(]", row.split("|")[-2].strip())[0] for row in table)
+    assert counts.keys() == {"reached", "in", "missed"}
+    told = f"{counts['reached']} are reached (one of them with tests beside training), "
+    told += f"{counts['in']} in part, and {counts['missed']} are missed"
+    assert f"**Of {len(table)} goals of speed, {told}.**" in page
