@@ -11,14 +11,14 @@ under the lock that readers share.
 import threading
 import uuid
 from collections.abc import Iterable
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack
 from itertools import chain
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from common.errors import MessageError
+from common.errors import NO_ROOM_ERRORS, MessageError
 from common.protocol.chunk import Chunk
 from common.registry import SAMPLERS
 from common.run.folder import JOURNAL
@@ -110,8 +110,11 @@ class Store:
     def _append_counts(self) -> None:
         """Appends the counts. A full disk keeps no sender from its answer: the next entry of counts
         has them all."""
-        with suppress(OSError):
+        try:
             self._append(self.index.counts_entry())
+        except OSError as error:
+            if error.errno not in NO_ROOM_ERRORS:
+                raise
 
     def quarantine(self, ids: NDArray[np.int64]) -> tuple[list[int], list[str]]:
         """Excludes steps ``ids`` from further draws; returns those that exist, and their actors.

@@ -2,6 +2,7 @@
 in silence; and shows it."""
 
 import math
+from contextlib import AbstractContextManager, nullcontext
 from numbers import Real
 from typing import Any, SupportsFloat
 
@@ -88,6 +89,12 @@ class CheckedEnv(gymnasium.Wrapper[Any, Any, Any, Any], ShownEnv[Any, Any]):
         margins = [(more // 2, more - more // 2) for more in (high - rows, wide - columns)]
         return np.pad(picture, [*margins, (0, 0)], constant_values=_MARGIN)
 
+    def still(self) -> AbstractContextManager[object]:
+        return self.unwrapped.still() if isinstance(self.unwrapped, ShownEnv) else nullcontext()
+
+    def paused(self) -> AbstractContextManager[object]:
+        return self.unwrapped.paused() if isinstance(self.unwrapped, ShownEnv) else nullcontext()
+
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
@@ -128,10 +135,10 @@ class CheckedEnv(gymnasium.Wrapper[Any, Any, Any, Any], ShownEnv[Any, Any]):
                 f"{self._name} goes on after a game is over: let that step be terminated or "
                 "truncated."
             )
-        if truncated:  # Gymnasium's wrapper for time limits does not know of games
-            info = {**info, "game_over": True}
-        # If a time limit passes as the episode ends, that wrapper says both. It has ended.
-        return observation, reward, terminated, truncated and not terminated, info
+        # If a time limit passes as the episode ends, Gymnasium's wrapper says both. It has ended.
+        if cut := truncated and not terminated:
+            info = {**info, "game_over": True}  # of games that wrapper does not know
+        return observation, reward, terminated, cut, info
 
     def _checked(self, observation: Any) -> NDArray[np.uint8]:
         frames, vector = frames_and_vector(observation)

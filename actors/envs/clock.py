@@ -17,8 +17,8 @@ from common.settings.conditions import FRAMES_PER_SECOND
 FRAME = 1 / FRAMES_PER_SECOND
 """Seconds of game time per emulator frame."""
 MAX_MISSED = 100
-"""Agent steps that nobody has collected, after which the world pauses. A chunk counts the agent
-steps of a step in one byte, and a throttled actor should not lose its games."""
+"""Agent steps that nobody has collected, after which the world pauses: a chunk counts the agent
+steps of a step in one byte."""
 BREATH = 5e-5
 """Seconds that a late world waits between two frames; otherwise the agent's thread starves."""
 

@@ -76,9 +76,7 @@ class LiveViews:
             if (first := next(of_step, None)) is None:
                 return
             self._waiting.remove(first)
-        with self._envs[step.stream].still():  # in real time it would go on between two pictures
-            view = self._view(step, first.asked.viewpoint)
-        first.request.reply(view.encode())
+        first.request.reply(self._view(step, first.asked.viewpoint).encode())
         ended = time.monotonic()
         self._next = ended + max(_PERIOD, _REST * (ended - began))
 
@@ -99,12 +97,14 @@ class LiveViews:
     def _view(self, step: Step, viewpoint: Viewpoint) -> LiveView:
         env = self._envs[step.stream]
         room = border = game = None
-        picture = self._picture(lambda: env.seen)
-        if isinstance(env, RobotEnv):
-            game = env.detection.corners
-            border = None if game is None else border_of(game)
-            if viewpoint != "none":
-                room = self._picture(partial(env.view, *_ROOM, viewpoint))
+        with env.still():  # or in real time it would move on from picture to picture
+            wanted, pressed = int(env.wanted), int(env.pressed)
+            picture = self._picture(lambda: env.seen)
+            if isinstance(env, RobotEnv):
+                game = env.detection.corners
+                border = None if game is None else border_of(game)
+                if viewpoint != "none":
+                    room = self._picture(partial(env.view, *_ROOM, viewpoint))
         values = self._policy.q_values(step.s_tm1[None], step.x_tm1[None])[0]
         return LiveView(
             streams=len(self._envs),
@@ -117,8 +117,8 @@ class LiveViews:
             game=_shares(game, picture),
             frame=_jpeg(step.s_t[-1]),
             room=_jpeg(room),
-            wanted=int(env.wanted),
-            pressed=int(env.pressed),
+            wanted=wanted,
+            pressed=pressed,
             actions=tuple(action for action in env.actions if action is not None),
             values=tuple(values.tolist()),
             chosen=step.a_tm1,

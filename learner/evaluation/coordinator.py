@@ -200,8 +200,8 @@ class EvaluationCoordinator:
                 return
             else:
                 self.snapshots.keep_as_best(test.epoch, weights, card)
-        else:
-            self.snapshots.finish_best(test.epoch)  # a full disk may have prevented it before
+        elif not self.snapshots.finish_best(test.epoch):  # as a full disk may have prevented it
+            return
         with self._lock:
             self._unneeded.add(test.epoch)
 

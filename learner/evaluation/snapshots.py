@@ -76,18 +76,25 @@ class Snapshots:
         write_json(self.best_card, card | {_EPOCH: epoch, _CHECKSUM: crc32(weights)})
         write_atomically(self.best, weights)
 
-    def finish_best(self, only: int | None = None) -> None:
+    def finish_best(self, only: int | None = None) -> bool:
         """Makes the copy of the best weights that a kill or a full disk prevented; if ``only`` is
-        given, only of that epoch."""
+        given, only of that epoch. Returns False if its weights are stored, but cannot be read now.
+        """
         try:
             card = json.loads(read_file(self.best_card))
             epoch, checksum = build(FromOne, card[_EPOCH]), build(Count, card[_CHECKSUM])
-            if only not in (None, epoch):
-                return
+        except _UNREADABLE:
+            return True  # nothing is known of it
+        if only not in (None, epoch):
+            return True
+        try:
             weights = self.read(epoch, checksum)
-        except (*_UNREADABLE, UnusableSnapshot):
-            return  # nothing is known of it, or its epoch's weights are gone: the copy was made
+        except UnusableSnapshot:
+            return True  # its epoch's weights are gone: the copy was made
+        except OSError:
+            return False
         write_atomically(self.best, weights)
+        return True
 
     def best_score(self) -> float | None:
         """Returns the mean score of `best`; None if its card is missing or broken."""

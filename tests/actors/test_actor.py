@@ -14,6 +14,7 @@ from actors.actor import Actor
 from actors.envs.checked import CheckedEnv
 from actors.member import Member
 from actors.policy import Policy
+from actors.policy_sync import PolicySync
 from actors.stream import insert_client, weights_client
 from actors.stream.weights_client import WeightsClient
 from common.errors import InputError
@@ -214,24 +215,32 @@ def test_while_the_learner_is_behind_it_pauses(stage: Stage) -> None:
 
 
 def test_no_game_time_passes_while_it_waits(stage: Stage, monkeypatch: pytest.MonkeyPatch) -> None:
-    """For the learner that is behind, and for weights that it missed."""
+    """For the learner that is behind, for room in the window, and for weights that it missed."""
     pauses: list[str] = []
 
     @contextmanager
     def paused(env: CheckedEnv) -> Iterator[None]:
-        pauses.append("begin")
+        name = "ab"[env is not stage.actor._envs[0]]
+        pauses.append(f"{name} begins")
         yield
-        pauses.append("end")
+        pauses.append(f"{name} ends")
 
     monkeypatch.setattr(CheckedEnv, "paused", paused)
     monkeypatch.setattr(WeightsClient, "fetch", lambda self: pauses.append("fetch"))
+    begins, ends = ["a begins", "b begins"], ["b ends", "a ends"]
+    stage.policy = Policy(QNetwork(6), 6, np.random.default_rng(0), envs=2)
+    stage.start(NumberedEnv([GOES_ON]), NumberedEnv([GOES_ON]))
+    stage.has(1)
+    assert pauses[:5] == [*begins, "fetch", *ends]
+    monkeypatch.setattr(PolicySync, "follow", lambda *_: None)  # which pauses too
+    stage.has(8)
     stage.replay.ack = replace(STORED, throttle=True)
-    stage.start(NumberedEnv([GOES_ON]))
     wait_until(lambda: stage.replay.polls >= 20, "it has polled often")
-    assert pauses[:3] == ["begin", "fetch", "end"]
+    assert pauses[-2:] == begins
     stage.replay.ack = replace(STORED, finished=True)
     stage.ended()
-    assert pauses.count("begin") == pauses.count("end") > 1
+    assert pauses[-2:] == ends
+    assert stage.actor._inserts._paused == stage.actor._paused
 
 
 def test_a_finished_run_ends_it_even_in_a_pause(stage: Stage) -> None:

@@ -224,6 +224,28 @@ def test_a_time_limit_ends_the_game_too() -> None:
     assert told == [False, False, True]
 
 
+def test_a_lost_life_at_a_time_limit_ends_no_game() -> None:
+    class OneLifeLost(Lamps):
+        def step(self, action: Any) -> Any:
+            observation, reward, *_, info = super().step(action)
+            return observation, reward, self._steps == 3, False, info
+
+    env = shown(gymnasium.wrappers.TimeLimit(OneLifeLost(CONFIG.play), 3), 0, 0)
+    *_, terminated, truncated, info = env.step(0)
+    assert (terminated, truncated, info["game_over"]) == (True, False, False)
+
+
+def test_a_game_may_end_by_being_cut_short() -> None:
+    class Cut(Lamps):
+        def step(self, action: Any) -> Any:
+            observation, reward, terminated, _, info = super().step(action)
+            return observation, reward, False, terminated, info
+
+    env = shown(Cut(CONFIG.play), *[0] * (GAME_STEPS - 1))
+    *_, terminated, truncated, info = env.step(0)
+    assert (terminated, truncated, info["game_over"]) == (False, True, True)
+
+
 def test_a_game_that_is_over_in_the_middle_of_an_episode_is_refused() -> None:
     class GoesOn(Lamps):
         def step(self, action: Any) -> Any:

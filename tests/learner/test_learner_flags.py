@@ -91,6 +91,7 @@ QR = ("--learning.algorithm", "qr_dqn")
     [
         (["--local", "--speed", "2"], "--speed is for --no-sync"),
         (["--local", "--no-sync", "--speed", "0"], "above 0"),
+        (["--local", "--no-sync", "--envs", "2"], "an actor for each environment: omit --envs"),
         (["--gate-minutes", "0"], r"--gate-minutes is 0.0: choose more than 0\."),
         (["--gate-minutes", "inf"], "--gate-minutes is inf: choose a finite number"),
         (["--stall-minutes", "0"], r"--stall-minutes is 0.0: choose more than 0\."),

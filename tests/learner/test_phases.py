@@ -228,3 +228,11 @@ def test_a_phase_begins_where_the_row_of_the_one_before_ends() -> None:
     now[0] = 20.0
     following, _ = counted.result(stored=0, meanq=None)
     assert (row.epoch_time, following.epoch_time, following.total_time) == (7.0, 13.0, 20.0)
+
+
+def test_steps_of_chunks_whose_statistics_are_gone_count() -> None:
+    counted = phases()
+    first, last = *_chunks(1), *_chunks(1, first=9, agent_steps=120)
+    assert not counted.count(first)
+    assert counted.count(last)  # the warm-up of 100 steps is over
+    assert (counted.agent_steps, counted.phase_steps) == (120, 120)

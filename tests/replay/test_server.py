@@ -7,12 +7,13 @@ import os
 import random
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Iterator
-from contextlib import suppress
+from contextlib import closing, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import cast
-from unittest.mock import PropertyMock, create_autospec
+from typing import Any, cast
+from unittest.mock import Mock, PropertyMock, create_autospec
 
 import numpy as np
 import pytest
@@ -668,18 +669,39 @@ def test_the_next_request_tells_the_newest_priorities_in_order(place: Place) -> 
     assert told == [[pair for number in newest for pair in ((number, number), (7, 0.5))], []]
 
 
-def test_the_last_priorities_are_told_at_the_end(place: Place) -> None:
+def test_the_last_priorities_are_told_at_the_end(
+    place: Place, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """They may be of steps from which nothing can be learned. They draw nothing, so actors still
     wait for the learner."""
     insert(place.client, Actor("a", 4).live([GOES_ON] * 100, np.random.default_rng(0)))
     assert place.buffer.progress().throttle
+    drawn = Mock(return_value=None)
+    monkeypatch.setattr(place.buffer, "sample_shared", drawn)
     place.remote.update_priorities(np.arange(1), np.full(1, np.nan, np.float32))
     place.remote.close()
     for _ in until_late():
         if not place.buffer._store.sampler.contains(np.arange(1)).any():
             break
     assert not place.buffer._store.sampler.contains(np.arange(1)).any()
+    # One client's requests are answered in turn, so the one before has been by then.
+    nothing = SampleRequest(None, 0.0, np.zeros(0, np.int64), np.zeros(0, np.float32))
+    with closing(place.client.requester(KEYS.sample, PATIENCE)) as requester:
+        assert requester.request(nothing.encode()).result().payload == NO_BATCH
+    assert not drawn.called
     assert place.buffer.progress().throttle
+
+
+def test_priorities_may_be_taken_by_two_threads_at_once(place: Place) -> None:
+    class Emptied(deque[Any]):
+        """Emptied by another thread whenever somebody has looked at it."""
+
+        def __bool__(self) -> bool:
+            return True
+
+    place.remote._updates = Emptied()
+    ids, priorities = place.remote._take_updates()
+    assert (len(ids), len(priorities)) == (0, 0)
 
 
 def test_of_many_priorities_the_newest_are_told(

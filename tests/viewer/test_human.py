@@ -26,7 +26,7 @@ from tests.paths import ROOT
 from tests.viewer.person import Person
 from viewer.human import Human, beside, keys_text, used_keys
 
-GIVEN_BACK = b"\x1b[?25h\x1b[?1049l"
+GIVEN_BACK = b"\x1b[?1004l\x1b[0m\x1b[?25h\x1b[?1049l"
 """Shows the cursor and the first screen."""
 
 

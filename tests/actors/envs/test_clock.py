@@ -215,6 +215,17 @@ def test_nothing_passes_while_the_agent_waits_for_something_else(
     assert numbers(clock.command(0)) == [1]
 
 
+def test_a_pause_keeps_the_worlds_thread_waiting() -> None:
+    world = CountingWorld()
+    clock = RealTime(world, 50.0)
+    clock.start()
+    with clock.paused():
+        before = world.frames
+        time.sleep(0.2)
+        assert world.frames == before
+    clock.close()
+
+
 def test_a_command_after_the_end_is_for_nobody(
     hand: HandTime, run: Callable[..., RealTime]
 ) -> None:

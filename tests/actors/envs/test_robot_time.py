@@ -6,6 +6,7 @@ import os
 import threading
 import time
 from collections.abc import Iterator
+from contextlib import closing, nullcontext
 from dataclasses import replace
 from typing import Any
 
@@ -13,7 +14,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from actors.envs.clock import Lockstep, RealTime
+from actors.envs.clock import MAX_MISSED, Lockstep, RealTime
 from actors.envs.robot import RobotEnv
 from actors.envs.world import AgentStep
 from common.actions import KEYS_OF_ACTION, Keys
@@ -186,6 +187,20 @@ def test_waiting_in_lockstep_ends_with_the_keys_that_were_commanded() -> None:
         assert info["game_steps"] == agent_steps
         assert env.emulator.frames == 4 * agent_steps
     env.close()
+
+
+@pytest.mark.parametrize("waits", ["paused", "alone"])
+def test_a_paused_robot_misses_nothing(waits: str) -> None:
+    env = RobotEnv(play=PLAY, clock=ClockConfig(sync=False, speed=20.0))
+    with closing(env):
+        env.reset(seed=0)
+        with env.paused() if waits == "paused" else nullcontext():
+            time.sleep(0.5)  # 150 agent steps
+        *_, info = env.step(0)
+    if waits == "paused":
+        assert info["elapsed"] < MAX_MISSED
+    else:
+        assert info["elapsed"] >= MAX_MISSED
 
 
 def test_a_hand_that_does_not_move_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:

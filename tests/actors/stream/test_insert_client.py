@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import pytest
 
+from actors.absence import Absence
 from actors.member import Member
 from actors.stream import insert_client
 from actors.stream.insert_client import InsertClient
@@ -396,6 +397,9 @@ def test_people_are_told_that_the_hub_is_away_and_back(
     joined(sender.beside(lambda: poll_until(1)))
     sender.client.poll()  # says it no second time
     assert sender.warnings == ["a: the hub does not answer: waiting up to 300 s for it."]
+    endless = Absence(replace(sender.client._member, patience=math.inf), "hub", "actor")
+    endless.lasts(11.0)
+    assert sender.warnings.pop() == "a: the hub does not answer: waiting for it."
     replay = PendingRequests(hub, KEY)
     polling = sender.beside(lambda: poll_until(2))
     acknowledge(replay.next())

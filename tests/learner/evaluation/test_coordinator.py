@@ -563,7 +563,11 @@ def test_a_full_disk_between_the_card_and_the_weights_of_the_best_test_loses_nei
         full.setattr(snapshots, "write_atomically", refused)
         with pytest.raises(OSError, match="No space"):
             coordinator.settle(test, None)
-    coordinator.settle(test, None)  # as `insist` does
+    with monkeypatch.context() as broken:  # `insist` tries again, and now it cannot be read
+        broken.setattr(snapshots.Snapshots, "read", Mock(side_effect=OSError(errno.EIO, "I/O")))
+        coordinator.settle(test, None)
+        coordinator.sweep()
+    coordinator.settle(test, None)
     coordinator.sweep()
     assert json.loads((tmp_path / "best.json").read_bytes())["epoch"] == 2
     assert (tmp_path / "best.safetensors").read_bytes() == b"weights of 2"

@@ -77,7 +77,7 @@ def test_where_letting_go_is_told_arrows_are_held_until_then() -> None:
     assert held.held(0.6) == Keys.RIGHT
     # Another key ends the repeats of the one before.
     held.feed(b" ", 0.7)
-    assert held.held(0.5 + 0.9 * LONGEST_HOLD) == Keys.RIGHT
+    assert held.held(9.0) == Keys.RIGHT
     assert held.held(0.5 + LONGEST_HOLD) == Keys.NONE
     held.feed(b"\x1b[1;1:3B", 11.0)
     assert held.held(11.0) == Keys.NONE
