@@ -196,6 +196,8 @@ def test_a_paused_robot_misses_nothing(waits: str) -> None:
         env.reset(seed=0)
         with env.paused() if waits == "paused" else nullcontext():
             time.sleep(0.5)  # 150 agent steps
+        assert isinstance(env._clock, RealTime)
+        assert waits == "alone" or env._clock._deadlines.delay() > -0.4  # none to be made up for
         *_, info = env.step(0)
     if waits == "paused":
         assert info["elapsed"] < MAX_MISSED
