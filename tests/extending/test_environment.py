@@ -2,6 +2,8 @@
 
 import io
 import math
+import threading
+from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -15,12 +17,14 @@ from rich.console import Console
 from actors.envs import make_env
 from actors.envs.checked import CheckedEnv
 from actors.envs.step_info import StepInfo
+from actors.games import GamesOptions, games
 from actors.loop import play
 from actors.options import ActorOptions
 from actors.policy import Policy
 from common.errors import InputError
-from common.network import QNetwork
+from common.network import QNetwork, build_network
 from common.registry import ENVIRONMENTS, Environment
+from common.run.network_file import encode_network_file
 from common.run.rules import check_config
 from common.settings.clock import ClockConfig
 from common.settings.conditions import PlayConfig
@@ -33,6 +37,7 @@ from learner.telemetry.snapshot import Snapshot
 from learner.telemetry.web.figures import figures
 from tests.extending.whole_run import added, learned
 from tests.learner.telemetry.snapshots import snapshot
+from viewer.recorder import Recorder
 
 GAME_STEPS = 10
 
@@ -456,3 +461,14 @@ def test_an_entry_whose_actions_cannot_be_counted_is_refused() -> None:
     with added(ENVIRONMENTS, entry), pytest.raises(InputError) as error:
         check_config(CONFIG)
     assert str(error.value).startswith("`actions` of the environment 'lamps' fails (TypeError(")
+
+
+def test_its_own_rate_counts_its_seconds(tmp_path: Path) -> None:
+    """Five agent steps in a second, and 15 by the settings of the console."""
+    with added(ENVIRONMENTS, LAMPS):
+        weights = tmp_path / "w.safetensors"
+        weights.write_bytes(encode_network_file(build_network(CONFIG, 3), CONFIG))
+        (game,) = games(CONFIG, GamesOptions(weights, "", 8, 0.5), threading.Event())
+        assert game["game_seconds"] == pytest.approx(GAME_STEPS / 5)
+        with closing(Recorder(CheckedEnv(Lamps(CONFIG.play), CONFIG), CONFIG, tmp_path / "d")) as r:
+            assert r.dataset.rate == 5

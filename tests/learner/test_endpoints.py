@@ -44,6 +44,17 @@ def test_a_run_without_a_learner_gets_one(opens: Opens) -> None:
         assert (replay.run_id, endpoint) == ("id", "tcp/127.0.0.1:9")
 
 
+def test_a_replay_is_let_go_at_the_end_of_a_run_too(
+    opens: Opens, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Which tells the last priorities; at a stop a thread does."""
+    closed: list[str] = []
+    monkeypatch.setattr("learner.endpoints.RemoteReplay.close", lambda _: closed.append("replay"))
+    with opens():
+        assert closed == []
+    assert closed == ["replay"]
+
+
 @pytest.mark.parametrize("starting", [True, False])
 def test_a_second_learner_is_refused_even_while_the_first_one_starts(
     opens: Opens, hub: Transport, starting: bool

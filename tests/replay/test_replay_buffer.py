@@ -1,5 +1,6 @@
 import copy
 import dataclasses
+import errno
 import json
 import os
 import threading
@@ -8,6 +9,7 @@ from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -304,6 +306,28 @@ def test_statistics_tell_what_each_chunk_was(tmp_path: Path) -> None:
     assert after.statistics == progress.statistics
     assert (after.accepted, after.duplicates, after.refused) == (2, 1, 1)
     assert again.insert(chunks[1]).status == "duplicate"
+
+
+def test_a_full_disk_keeps_no_sender_from_an_answer_that_stores_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    buffer, rng = ReplayBuffer(make_config(), tmp_path), np.random.default_rng(0)
+    chunks = [Actor("a", 4).live([GOES_ON] * 5, rng) for _ in range(2)]
+    buffer.insert(chunks[0])
+    with monkeypatch.context() as full:
+        no_room = Mock(side_effect=OSError(errno.ENOSPC, "No space left on device"))
+        full.setattr(buffer._store, "_append", no_room)
+        assert buffer.insert(chunks[0]).status == "duplicate"
+        with pytest.raises(MessageError):
+            buffer.insert(Actor("b", 4, width=2).live([GOES_ON], rng))
+        with pytest.raises(OSError, match="No space"):  # this one would be lost
+            buffer.insert(chunks[1])
+    progress = buffer.progress()
+    assert (progress.accepted, progress.duplicates, progress.refused) == (1, 1, 1)
+    broken = Mock(side_effect=OSError(errno.EIO, "I/O error"))
+    monkeypatch.setattr(buffer._store, "_append", broken)
+    with pytest.raises(OSError, match="I/O error"):
+        buffer.insert(chunks[0])
 
 
 def test_held_out_states_are_different_and_wholly_seen(tmp_path: Path) -> None:
