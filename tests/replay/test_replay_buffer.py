@@ -311,8 +311,12 @@ def test_statistics_tell_what_each_chunk_was(tmp_path: Path) -> None:
 def test_a_full_disk_keeps_no_sender_from_an_answer_that_stores_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    buffer, rng = ReplayBuffer(make_config(), tmp_path), np.random.default_rng(0)
-    chunks = [Actor("a", 4).live([GOES_ON] * 5, rng) for _ in range(2)]
+    buffer, rng, actor = (
+        ReplayBuffer(make_config(), tmp_path),
+        np.random.default_rng(0),
+        Actor("a", 4),
+    )
+    chunks = [actor.live([GOES_ON] * 5, rng) for _ in range(2)]
     buffer.insert(chunks[0])
     with monkeypatch.context() as full:
         no_room = Mock(side_effect=OSError(errno.ENOSPC, "No space left on device"))
