@@ -123,7 +123,8 @@ class Actor:
                 self._inserts.post(chunk.encode())
         self._inserts.flush(FAREWELL)
         if self._inserts.unacknowledged:
-            self._member.warn(f"{self._inserts.unacknowledged} chunks were never acknowledged.")
+            lost = counted(self._inserts.unacknowledged, "chunk")
+            self._member.warn(f"the replay did not acknowledge the last {lost}.")
         elif steps := self._counters.stats.steps:
             stored = "" if self._inserts.refused else ", all of them stored"
             self._member.warn(f"left after {counted(steps, 'step')}{stored}.")

@@ -61,7 +61,8 @@ def model_card(name: str, card: Mapping[str, Any], config: RunConfig, repository
         input=f"the last {play.frame_stack} frames of 84×84 pixels"
         + (f", its {felt}" if play.vector else ""),
         actions="the game's own actions" if play.minimal_actions else "all 18 actions",
-        trained="fine-tuned from another network" if card.get("initial") else "trained",
+        trained=("fine-tuned from another network" if card.get("initial") else "trained")
+        + (f" from {steps:,} recorded steps and" if (steps := card.get("demonstrations")) else ""),
         steps=card["agent_steps"],
         milliseconds=ms_of(play.frame_skip),
         rows="\n".join(f"| {e:g} | {s:g} | {score} | {games} |" for e, s, score, games in rows),

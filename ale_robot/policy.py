@@ -25,6 +25,7 @@ from common.settings.clock import ClockConfig
 from common.settings.conditions import CameraConfig, PlayConfig
 from common.settings.config import RunConfig, Seed
 from common.settings.fit import as_argument, check_fit
+from common.settings.ranges import RandomiseConfig
 from learner.evaluation import offline
 from learner.evaluation.options import EPSILON, GAMES, EvaluationOptions
 
@@ -63,6 +64,8 @@ class TrainedPolicy:
         game: str | None = None,
         play: PlayConfig | None = None,
         camera: CameraConfig | None = None,
+        randomise: RandomiseConfig | None = None,
+        clock: ClockConfig | None = None,
     ) -> gymnasium.Env[Any, Any]:
         """Returns an environment whose episodes are whole games, and whose ``render`` returns the
         room from outside, or the emulator's screen.
@@ -72,12 +75,15 @@ class TrainedPolicy:
             game: game instead of that of its training.
             play: settings instead of those of its training, ``config.play``.
             camera: settings instead of those of its training, ``config.camera``.
+            randomise: ranges from which each game draws its conditions; none by default.
+            clock: how time passes for a robot; lockstep by default.
 
         Raises:
             InputError: the settings cannot work, or the network does not fit them.
         """
-        config = _changed(self.weights, self.config, env=env, game=game, play=play, camera=camera)
-        made = make_env(config, training=False)
+        settings = {"play": play, "camera": camera, "randomise": randomise}
+        config = _changed(self.weights, self.config, env=env, game=game, **settings)
+        made = make_env(config, _checked(clock, config), training=False)
         if isinstance(made, GameEnv):
             made.render_mode = "rgb_array"
         return made
@@ -134,6 +140,8 @@ def evaluate(
     game: str | None = None,
     play: PlayConfig | None = None,
     camera: CameraConfig | None = None,
+    randomise: RandomiseConfig | None = None,
+    clock: ClockConfig | None = None,
 ) -> dict[str, Any]:
     """Plays whole games in several processes, as ``ale-robot evaluate`` does.
 
@@ -144,6 +152,8 @@ def evaluate(
         game: game instead of that of its training.
         play: settings instead of those of its training, ``load_policy(weights).config.play``.
         camera: settings instead of those of its training.
+        randomise: ranges from which each game draws its conditions; none by default.
+        clock: how time passes for a robot; lockstep by default.
 
     Returns:
         What ``ale-robot evaluate --json`` writes: "mean", "deviation", "iqm", "scores", …
@@ -161,14 +171,13 @@ def evaluate(
         epsilon=check_argument(Fraction, epsilon, "epsilon"),
         processes=check_argument(Count, processes, "processes"),
     )
+    settings = {"play": play, "camera": camera, "randomise": randomise}
+    config = _changed(file, trained.for_play, env=env, game=game, **settings)
     found = offline.evaluate(
         file,
         options,
-        replace(
-            _changed(file, trained.for_play, env=env, game=game, play=play, camera=camera),
-            seed=seed,
-        ),
-        ClockConfig(),
+        replace(config, seed=seed),
+        _checked(clock, config),
         threading.Event(),
         Console(quiet=True),
     )
@@ -185,9 +194,21 @@ def _file_of(weights: object) -> Path:
     return find_weights(weights)
 
 
+def _checked(clock: ClockConfig | None, config: RunConfig) -> ClockConfig:
+    """Returns ``clock``, or lockstep. Raises InputError if it cannot work under ``config``."""
+    if clock is None:
+        return ClockConfig()
+    check_settings(ClockConfig, clock, "clock")
+    clock.check(config.env)
+    return clock
+
+
+_KINDS = {"play": PlayConfig, "camera": CameraConfig, "randomise": RandomiseConfig}
+
+
 def _changed(weights: Path, config: RunConfig, **given: Any) -> RunConfig:
     """Returns ``config`` with those settings that are given, not None."""
-    for name, kind in (("play", PlayConfig), ("camera", CameraConfig)):
+    for name, kind in _KINDS.items():
         if given[name] is not None:
             check_settings(kind, given[name], name)
     changed = replace(config, **{name: each for name, each in given.items() if each is not None})

@@ -17,7 +17,8 @@ def check_endpoint(endpoint: str) -> tuple[str, int]:
     scheme, _, address = endpoint.partition("/")
     found = host_and_port(address)
     if scheme not in ("tcp", "tls") or found is None:
-        raise InputError(f"{endpoint!r} is not an address: write it as {DEFAULT_ENDPOINT}.")
+        meant = DEFAULT_ENDPOINT if host_and_port(endpoint) is None else f"tcp/{endpoint}"
+        raise InputError(f"{endpoint!r} is not an address: write it as {meant}.")
     return found
 
 

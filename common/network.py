@@ -12,8 +12,9 @@ import torch
 from torch import Tensor, nn
 from torch.nn.functional import conv2d, relu
 
+from common.errors import InputError
 from common.protocol.step_fields import FRAME_SHAPE
-from common.registry import ALGORITHMS, resolve
+from common.registry import ALGORITHMS, foreign, resolve
 from common.settings.config import InitialWeights, LearningConfig, NetworkName, RunConfig
 
 
@@ -175,18 +176,33 @@ class QNetwork(nn.Module):
 
 def build_network(config: RunConfig, actions: int, *, vector_width: int | None = None) -> QNetwork:
     """Returns the run's network with its initial weights, which are the same in every process of
-    the run. ``vector_width`` overrides the width of the run's vector observation."""
+    the run. ``vector_width`` overrides the width of the run's vector observation. Raises
+    InputError if the network, of another package, cannot be made or gives no such outputs."""
     kind = ALGORITHMS.find(config.learning.algorithm)
-    with torch.random.fork_rng(devices=[]):
+    width = config.vector_width if vector_width is None else vector_width
+    atoms = kind.atoms(config.learning)
+    with foreign(f"the network of the algorithm {kind.name}"), torch.random.fork_rng(devices=[]):
         torch.manual_seed(config.seed)
         network: QNetwork = resolve(kind.network)(
-            actions,
-            config.play.frame_stack,
-            config.vector_width if vector_width is None else vector_width,
-            config.learning,
-            atoms=kind.atoms(config.learning),
+            actions, config.play.frame_stack, width, config.learning, atoms=atoms
         )
+        if type(network) is not QNetwork:
+            _try(network, config.play.frame_stack, width, atoms)
     return network
+
+
+def _try(network: QNetwork, frame_stack: int, width: int, atoms: int) -> None:
+    """Raises InputError if a ``network`` of another package gives a state no outputs as
+    `QNetwork.atoms` does."""
+    frames = torch.zeros(1, frame_stack, *FRAME_SHAPE, dtype=torch.uint8)
+    with torch.inference_mode():
+        outputs = network.atoms(frames, torch.zeros(1, width))
+    found = [*outputs.shape], outputs.dtype
+    if found != ([1, network.action_count, atoms], torch.float32):
+        raise InputError(
+            f"{type(network).__name__}.atoms gives {found[1]} {found[0]} for one state: give "
+            f"float32 {[1, network.action_count, atoms]}."
+        )
 
 
 def count_actions_of(config: RunConfig, weights: Mapping[str, Tensor]) -> int:

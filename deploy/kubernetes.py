@@ -33,6 +33,8 @@ def launch(run: RunDescription) -> str:
             ensure_certificates(place / "certificates", run.hub)
             certify_actors(place / "certificates", run.hub, _names(run))
         kept = write_files(place, base | {"kustomization.yaml": own})
+    if run.learner.steps is not None:
+        kept += "warning: Kubernetes starts a learner that has all its steps again: omit --steps.\n"
     return (
         f"{kept}The run is in {place}. Start it:\n"
         f"  kubectl create namespace {name}\n  kubectl apply --server-side -k {place}"

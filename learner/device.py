@@ -79,18 +79,18 @@ def choose_device(
 
     Precision 'auto' takes bfloat16 where it is faster: on a GPU that has it, with AMX, and where
     the compiled code multiplies it faster. A warning tells of bfloat16 that is only emulated.
-    Without CUDA, ``graphs`` has no effect.
-
     The kernel is chosen as `choose_kernel` does for ``network``, on a CPU.
 
     Raises:
-        InputError: CUDA or the compiled code was requested but is not available.
+        InputError: CUDA, its graphs or the compiled code was requested but is not available.
     """
     import torch
 
     if device == "cuda" and not torch.cuda.is_available():
         raise InputError("there is no CUDA device here: use --device auto or cpu.")
     kind = "cuda" if device != "cpu" and torch.cuda.is_available() else "cpu"
+    if graphs and kind == "cpu":
+        raise InputError("--cuda-graphs needs a CUDA device: omit it.")
     if kind == "cuda":
         has = faster = torch.cuda.is_bf16_supported(including_emulation=False)
     else:

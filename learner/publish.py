@@ -98,12 +98,12 @@ def publish(options: Options, stop: threading.Event) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as place:
         evaluated = Path(place, weights.name)
         evaluated.write_bytes(published)
-        scores = evaluate(evaluated, asked, config.for_play, ClockConfig(), stop)
+        scores = evaluate(evaluated, asked, config.for_play, ClockConfig(), stop, name=weights.stem)
     if scores is None:
         raise InputError(
             "the evaluation was stopped, so nothing is published: publish again.", INTERRUPTED
         )
-    card["evaluation"] = scores | {"weights": weights.stem}  # without the path on this machine
+    card["evaluation"] = scores
     with writing(options.output):
         write_atomically(weights, published)
         write_json(told, card)
@@ -146,6 +146,7 @@ def _trained(options: Options, folder: RunFolder) -> tuple[RunConfig, QNetwork, 
     # The summary may be of later steps than the weights, or of fewer.
     card = {name: summary[name] for name in _FROM_SUMMARY} | counters
     card["initial"] = summary.get("initial", False)
+    card["demonstrations"] = summary.get("demonstrations", 0)
     if not options.last:
         card |= {"snapshot": test, **_until(test, folder, config)}
     return config, network, card

@@ -38,4 +38,6 @@ def resume_command(arguments: Sequence[str], run: str, *, done: bool, force: boo
     by_make = os.environ.get("ALE_ROBOT_AGAIN")
     if by_make and {*arguments} ^ {*flags} <= {"--local", "--resume"}:
         return by_make
-    return shlex.join([*started_by("learner").split(), *flags])
+    # Who only uses make has no program of ours on the path.
+    where = ".venv/bin/" if by_make else ""
+    return where + shlex.join([*started_by("learner").split(), *flags])

@@ -29,6 +29,8 @@ _FIGURES = {
 }
 """Figures of the table, by the heads of their columns."""
 _AT_WORK = "at work"
+_NAME_WIDTH = 24
+"""Maximum number of columns that a run's name gets, however narrow the terminal."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +70,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         print(f"There are no runs in {options.runs.resolve()}{begin}.")
         return
     heads = [Column(head, justify="right", no_wrap=True) for head in _FIGURES]
-    names = Column("run", overflow="fold")
+    longest = max(len(run.name) for run in runs)
+    names = Column("run", overflow="fold", min_width=min(longest, _NAME_WIDTH))
     table = Table(names, "plays", *heads, "state", box=box.SIMPLE, padding=(0, 1, 0, 0))
     for run in runs:
         table.add_row(*map(one_line, _row(run)))
@@ -87,11 +90,14 @@ def _row(run: RunFolder) -> tuple[str, ...]:
 
 
 def _state(run: RunFolder, report: FolderReport) -> str:
-    """Returns where somebody works at a run; or when it ended, and whether by an error."""
+    """Returns where somebody works at a run; or how it ended, and at which time of today or on
+    which day."""
     state = _how(run, report)
     if state == _AT_WORK:
         return state if report.endpoint == DEFAULT_ENDPOINT else f"{state} at {report.endpoint}"
-    when = report.written.removeprefix(f"{date.today():%Y}-")
+    day, _, time = report.written.partition(" ")
+    today = date.today()
+    when = time if day == f"{today:%Y-%m-%d}" else day.removeprefix(f"{today:%Y-}")
     return f"{state} {when}".strip()
 
 

@@ -110,7 +110,7 @@ class Report:
         Texts from other processes are stripped of control characters, so that they cannot steer
         the terminal.
         """
-        learner, replay = self.learner, self.replay
+        learner, replay, idle = self.learner, self.replay, False
 
         def say(text: str, style: str = "") -> None:
             # Rich would leave a blank at the end of a line that it breaks.
@@ -143,7 +143,8 @@ class Report:
             )
             say(fill(stream, values))
             say(scores(values))
-            if not _has_actor(learner) and values["run/phase"] != "finishing":
+            idle = not _has_actor(learner) and values["run/phase"] != "finishing"
+            if idle:
                 say(
                     "warning: nobody plays: start an actor by "
                     f"`ale-robot join --connect {self.endpoint}`"
@@ -154,7 +155,7 @@ class Report:
         for reason in self.reasons:
             say(f"RED: {reason}", "red")
         if not self.reasons:
-            say("healthy", "green")
+            say("healthy, but nobody plays" if idle else "healthy", "yellow" if idle else "green")
 
 
 def _has_actor(learner: RunStatus) -> bool:

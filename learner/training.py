@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any, TypeVar
 
+from common.counted import counted
 from common.errors import InputError
 from common.metrics import Value
 from common.process.supervisor import Supervisor
@@ -189,7 +190,9 @@ class Learner:
             more = f"has {found - known:,} steps more than the checkpoint"
             if not known:  # those of a recording
                 more = f"begins with {found:,} steps"
-            self.telemetry.say(f"The replay {more}: actors wait until the updates have caught up.")
+            due = round((found - known) * self.config.samples_per_insert)
+            updates = counted(due // self.config.learning.batch_size, "update")
+            self.telemetry.say(f"The replay {more}: actors wait until {updates} have caught up.")
         self._publish()
         self._save()  # not `_checkpoint`: a disk that is full at the start ends the run
 
@@ -289,8 +292,12 @@ class Learner:
             "learning/skipped": self.losses.skipped,
             "stream/weights_version": self.broadcast.version,
             "stream/actors_starting": self._starting,
-            "evaluation/steps_left": self.evaluation.steps_left,
+            "evaluation/steps_left": self.evaluation.steps_left if self._tests_are_played else 0,
         }
+
+    @property
+    def _tests_are_played(self) -> bool:
+        return bool(self._starting or self.registry.alive("evaluator"))
 
     @property
     def _starting(self) -> int:

@@ -13,6 +13,7 @@ from common.settings.stored_config import flag_of, flat
 def as_sentence(box: str, all_flags: str) -> str:
     """Returns tyro's error, which it prints in a box, as one sentence, with the command that prints
     all flags."""
+    box = re.sub(r"\x1b\[[0-9;]*m", "", box)  # in a terminal tyro colours it
     # Without UTF-8 the box has no border, and its rules are made of "-".
     _, *lines = (line.strip("│╭╮╰╯─ ") for line in box.strip().splitlines())
     told, *hints = (list(part) for rule, part in groupby(lines, _is_rule) if not rule)

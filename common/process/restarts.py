@@ -16,7 +16,7 @@ from functools import partial
 from common.exit_codes import FINAL, NO_ROOM
 from common.process.backoff import SETTLED, growing_pause
 from common.process.lifeline import heeded_signals, signal_pipe
-from common.process.log_lines import say_aside
+from common.process.log_lines import say_aside, write_line
 from common.process.program_end import exit_on_input_error
 
 _PR_SET_PDEATHSIG = 1
@@ -58,6 +58,8 @@ def with_restarts(name: str, work: Callable[[bool], int | None], most: int) -> i
         starts += 1
         restarts += status != NO_ROOM
         how = f"status {status}" if status > 0 else f"signal {-status}"
+        if status < 0 and sys.stderr.isatty():  # it left its screen as it was, without a cursor
+            write_line("\x1b[?25h", sys.stderr)
         if restarts > most:
             outcome = f"and {most} restarts did not help"
             say_aside(f"{name} ended by {how} after {worked:.0f} s, {outcome}.", "warning")

@@ -19,7 +19,7 @@ from common.settings.config import MAX_ENVS
 ViewName = Literal["room", "hands", "front"]
 """Viewpoint of a person: the robot and its surroundings, its hands on the keys, or the robot from
 the front."""
-Viewpoint = ViewName | Literal["none"]
+Viewpoint = Literal["none", ViewName]
 """The same for a request; ``none`` needs no rendering beside the robot's own picture."""
 MAX_PICTURE_BYTES = 96 * 1024
 MAX_SIDE = 640

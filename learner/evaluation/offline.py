@@ -48,12 +48,14 @@ def evaluate(
     clock: ClockConfig,
     stop: threading.Event,
     console: Console | None = None,
+    name: str | None = None,
 ) -> dict[str, Any] | None:
     """Plays the games, prints the table and writes the JSON file.
 
     Args:
         network: file of the weights.
         config: settings to play under, which the network fits.
+        name: what the results call the network; by default its file.
 
     Returns:
         The content of the JSON file; None if ``stop`` was set.
@@ -70,7 +72,7 @@ def evaluate(
     if rows is None:
         return None
     content: dict[str, Any] = {
-        "weights": name_of(network),
+        "weights": name or name_of(network),
         "seed": config.seed,
         "flags": clock.flags(),
         **({"rows": rows} if options.headline else rows[0]),

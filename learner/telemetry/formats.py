@@ -198,7 +198,7 @@ def finishing_note(values: Values) -> str:
     if not values.get("evaluation/steps_left"):
         return "finishing"
     left = ", {run/seconds_left} left" if values.get("run/seconds_left") is not None else ""
-    return fill(f"finishing: {{evaluation/steps_left}} test steps{left}", values)
+    return fill(f"{{evaluation/steps_left}} test steps{left}", values)
 
 
 def progress_of(values: Values) -> tuple[ProgressBar, ...]:

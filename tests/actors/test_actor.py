@@ -388,7 +388,7 @@ def test_a_replay_that_falls_silent_is_told_at_the_end(
     last = stage.farewell()
     assert last.made > last.acked
     missing = last.made - last.acked
-    assert stage.warnings == [f"a: {missing} chunks were never acknowledged."]
+    assert stage.warnings == [f"a: the replay did not acknowledge the last {missing} chunks."]
 
 
 def test_an_actor_leaves_a_hub_that_serves_another_run_now(stage: Stage) -> None:

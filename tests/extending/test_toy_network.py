@@ -2,11 +2,15 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import pytest
 import torch
 from safetensors.numpy import load_file
+from torch import Tensor
 
+from common.errors import InputError
 from common.network import build_network
 from common.registry import ALGORITHMS
 from common.settings.presets import PRESETS
@@ -39,3 +43,33 @@ def test_a_value_is_the_mean_over_the_actions() -> None:
     np.testing.assert_allclose(
         outputs.mean(dim=1).detach(), network.value(hidden).detach(), rtol=1e-4, atol=1e-5
     )
+
+
+class Flat(DuelingNetwork):
+    def atoms(self, frames: Tensor, vectors: Tensor) -> Tensor:
+        return super().atoms(frames, vectors).flatten(1)
+
+
+class Misshaped(DuelingNetwork):
+    def outputs(self, hidden: Tensor) -> Tensor:
+        return hidden[:, :7]
+
+
+@pytest.mark.parametrize(
+    ("network", "told"),
+    [
+        (
+            Flat,
+            r"^Flat.atoms gives torch.float32 \[1, 306\] .*: give float32 \[1, 6, 51\]",
+        ),
+        (Misshaped, r"^the network of the algorithm dueling fails \(RuntimeError\("),
+        (lambda actions: None, r"^the network of the algorithm dueling fails \(TypeError\("),
+        ("tests.extending.toy_network:Missing", r"fails \(AttributeError\("),
+    ],
+)
+def test_a_network_that_cannot_be_used_is_told_at_the_start(network: Any, told: str) -> None:
+    fast = PRESETS["fast"]
+    config = replace(fast, learning=replace(fast.learning, algorithm="dueling"))
+    entry = replace(DUELING, network=network)
+    with added(ALGORITHMS, entry), pytest.raises(InputError, match=told):
+        build_network(config, 6)

@@ -447,9 +447,9 @@ def test_the_command_that_goes_on_is_told(arguments: str, done: bool, again: str
         ("--local --run r --actors 1", False, False, "make train NAME='r'"),
         ("--local --run r --resume --force", False, True, "make train NAME='r'"),
         # It would give flags that do not continue the run.
-        ("--local --run r --steps 9", True, False, "ale-robot train --run r --resume"),
-        ("--local --run r --initial a", False, False, "ale-robot train --run r --resume"),
-        ("--local --run r", False, True, "ale-robot train --run r --resume --force"),
+        ("--local --run r --steps 9", True, False, ".venv/bin/ale-robot train --run r --resume"),
+        ("--local --run r --initial a", False, False, ".venv/bin/ale-robot train --run r --resume"),
+        ("--local --run r", False, True, ".venv/bin/ale-robot train --run r --resume --force"),
     ],
 )
 def test_a_run_that_make_started_goes_on_by_make(

@@ -97,7 +97,7 @@ def test_no_conditions_are_drawn_for_the_scores_of_the_card(
     played: list[RunConfig] = []
 
     def evaluate(
-        network: Path, asked: object, config: RunConfig, *others: object
+        network: Path, asked: object, config: RunConfig, *others: object, name: str
     ) -> dict[str, str]:
         played.append(config)
         return {}

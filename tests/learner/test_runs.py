@@ -5,6 +5,7 @@ import os
 import time
 from datetime import date
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -81,22 +82,29 @@ def listed(capsys: pytest.CaptureFixture[str], *arguments: str) -> list[str]:
     ],
 )
 def test_each_run_has_its_figures_and_its_state(
-    runs: Path, capsys: pytest.CaptureFixture[str], address: str, state: str
+    runs: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    address: str,
+    state: str,
 ) -> None:
     folder = claimed(address)
+    monkeypatch.setattr("learner.runs.date", SimpleNamespace(today=lambda: date(YEAR, 11, 30)))
     head, rule, *rows, _, last = listed(capsys)[2:]
     assert head.split() == ["run", "plays", "steps", "time", "train", "test", "state"]
     assert set(rule) == {"─"}
     assert [" ".join(row.split()) for row in rows] == [
         f"busy pong (robot) 5,000 1:00:30 18.00 −2.50 {state}",
-        "done pong (robot) 9 1:00:30 18.00 −2.50 done 11-29 07:57",
-        "ended pong (robot) 1,200,000 1:00:30 18.00 −2.50 ended 11-29 07:57",
-        "failed pong (robot) 300 1:00:30 18.00 −2.50 failed 11-29 07:57",
-        "killed pong (robot) 8 1:00:30 18.00 −2.50 killed 2024-11-29 07:57",
+        "done pong (robot) 9 1:00:30 18.00 −2.50 done 11-29",
+        "ended pong (robot) 1,200,000 1:00:30 18.00 −2.50 ended 11-29",
+        "failed pong (robot) 300 1:00:30 18.00 −2.50 failed 11-29",
+        "killed pong (robot) 8 1:00:30 18.00 −2.50 killed 2024-11-29",
         "new – – – – – ended",
     ]
     assert last == "One of them: ale-robot status RUN"
     assert folder.is_at_work()
+    monkeypatch.setattr("learner.runs.date", SimpleNamespace(today=lambda: date(YEAR, 11, 29)))
+    assert any(line.endswith("done 07:57") for line in listed(capsys))  # of today
 
 
 def test_the_list_as_json_has_all_figures(

@@ -851,7 +851,7 @@ def test_a_run_that_begins_with_a_recording_has_no_checkpoint_to_be_compared_wit
     world.play(1_100, DEMONSTRATIONS)
     world.learner().start()
     assert world.said == [
-        "The replay begins with 1,100 steps: actors wait until the updates have caught up."
+        "The replay begins with 1,100 steps: actors wait until 275 updates have caught up."
     ]
 
 
@@ -1023,7 +1023,7 @@ def test_people_are_told_why_actors_wait_after_a_kill(more: int) -> None:
     """The preset lets the updates be 1,000 steps behind."""
     again, learner, _ = resumed_with(more)
     learner.start()
-    told = "The replay has 1,001 steps more than the checkpoint: actors wait until the updates"
+    told = "The replay has 1,001 steps more than the checkpoint: actors wait until 250 updates"
     assert any(said.startswith(told) for said in again.said) == (more > 1_000)
 
 

@@ -1,5 +1,10 @@
 """Errors about flags: one sentence with what to do, whatever tyro says."""
 
+import os
+import pty
+import subprocess
+import sys
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
@@ -11,6 +16,7 @@ from common.command_line.flag_errors import naming_flags
 from common.command_line.parser import parse
 from common.errors import InputError
 from tests.common.command_line.test_parser import parsed
+from tests.paths import ROOT
 
 
 @pytest.mark.parametrize(
@@ -137,3 +143,26 @@ def test_a_name_that_only_begins_like_a_setting_stays(text: str) -> None:
     with pytest.raises(InputError) as told, naming_flags():
         raise InputError(text)
     assert str(told.value) == text
+
+
+@pytest.mark.usefixtures("forks")
+def test_in_a_terminal_an_error_is_the_same_sentence() -> None:
+    """Where tyro would colour its box."""
+    here, there = pty.openpty()
+    with os.fdopen(here, "rb", buffering=0) as screen:
+        done = subprocess.run(
+            [sys.executable, "-m", "learner", "--preest", "fast"],
+            cwd=ROOT,
+            env={**os.environ, "TERM": "xterm-256color"},
+            stdin=there,
+            stdout=there,
+            stderr=there,
+            check=False,
+        )
+        os.close(there)
+        told = b""
+        with suppress(OSError):  # the end of a terminal's output
+            while part := screen.read(4096):
+                told += part
+    assert done.returncode == 2
+    assert told == b"error: there is no flag --preest: did you mean --preset?\r\n"

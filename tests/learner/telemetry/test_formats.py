@@ -24,9 +24,9 @@ def check(value: float | None, bound: str) -> HealthCheck:
         (formats.finishing_note({"evaluation/steps_left": 0}), "finishing"),
         (
             formats.finishing_note({"evaluation/steps_left": 12_000, "run/seconds_left": 20.0}),
-            "finishing: 12,000 test steps, 00:20 left",
+            "12,000 test steps, 00:20 left",
         ),
-        (formats.finishing_note({"evaluation/steps_left": 9}), "finishing: 9 test steps"),
+        (formats.finishing_note({"evaluation/steps_left": 9}), "9 test steps"),
         (
             formats.scores({"play/test_reward": -19.0, "play/test_epoch": 2}),
             "score: training –, test −19.00 (epoch 2), best test –, random –",
