@@ -12,6 +12,7 @@ from actors.envs.robot import RobotEnv
 from actors.vision.layout import ASPECT
 from ale_robot.arguments import check_settings
 from common.errors import InputError
+from common.registry import ENVIRONMENTS
 from common.run.rules import check_chosen, check_play
 from common.settings.clock import ClockConfig
 from common.settings.config import RunConfig
@@ -54,7 +55,9 @@ class EntryPoint:
         check_play(config)
         check_chosen(usual, config)
         if "clock" in settings:
-            settings["clock"].check(self._name)
+            if not ENVIRONMENTS.find(self._name).robot:
+                raise InputError("clock is for the robot: the emulator alone has none, so omit it.")
+            settings["clock"].check()
         discount = settings.get("discount", 1.0)
         if not (isinstance(discount, int | float) and 0 <= discount <= 1):
             raise InputError(f"discount is {discount!r}: choose from 0 to 1.")

@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -192,7 +193,7 @@ def test_arguments_of_an_evaluation_out_of_bounds_are_told(
         ("Pong", {"camera": {"noise": 5}}, r"^camera is \{'noise': 5\}: give a CameraConfig\."),
         ("Pong", {"clock": ClockConfig(sync=False, speed=0.0)}, r"^--speed is 0\.0: choose"),
         ("Pong", {"clock": None}, r"^clock is None: give a ClockConfig\."),
-        ("Pong-Emulator", {"clock": ClockConfig(sync=False)}, "--no-sync is for a robot"),
+        ("Pong-Emulator", {"clock": ClockConfig()}, "^clock is for the robot: the emulator alone"),
         ("Pong", {"discount": 7.0}, r"^discount is 7\.0: choose from 0 to 1\."),
         ("Pong", {"discount": "much"}, r"^discount is 'much': choose from 0 to 1\."),
         ("Pong-Emulator", {"play": PlayConfig(frame_stack=0)}, r"play\.frame_stack is 0: choose"),
@@ -271,3 +272,20 @@ def test_a_package_that_something_hides_is_told(tmp_path: Path) -> None:
         f"ImportError: {tmp_path}/common hides the package common of ale-robot: run it in another "
         "folder."
     )
+
+
+def test_a_policy_plays_in_real_time_and_under_drawn_conditions() -> None:
+    policy = ale_robot.load_policy("robot_pong_pixels")
+    drawn = ale_robot.RandomiseConfig(noise=8.0)
+    hasty = ale_robot.ClockConfig(sync=False, speed=4.0)
+    with closing(policy.make_env(randomise=drawn, clock=hasty)) as env:
+        env.reset(seed=1)
+        assert isinstance(env, RobotEnv)
+        assert 0 < env.conditions.camera.noise <= 8
+        assert env.clock == hasty
+    wrong: dict[str, Any]
+    for wrong in ({"clock": 1}, {"randomise": 0.5}):
+        with pytest.raises(InputError, match="give a "):
+            policy.make_env(**wrong)
+    with pytest.raises(InputError, match="--no-sync is for a robot"):
+        ale_robot.evaluate("ale_pong", clock=hasty)
