@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from common.errors import InputError, writing
+from common.errors import writing
 from deploy.containers import actor_command, learner_command, replay_command
 from deploy.description import RunDescription
 from deploy.engine_files import write_files
@@ -15,8 +15,6 @@ _OWN = "compose.override.yaml"
 def launch(run: RunDescription) -> str:
     """Writes the files, and returns what to do with them."""
     options, place = run.options, run.folder.path / "compose"
-    if options.gpus > 0:
-        raise InputError("--gpus has no effect on compose: omit it, and see deploy/README.md.")
     learner, actor, evaluator = (
         learner_command(run, "127.0.0.1", "tcp"),
         actor_command(run, "tcp"),
@@ -24,7 +22,7 @@ def launch(run: RunDescription) -> str:
     )
     memory = options.actor_memory
     services = {
-        "learner": _service(run, learner, options.cpus, options.memory),
+        "learner": _service(run, learner, options.cpus, options.memory) | _gpus(options.gpus),
         "actor": _service(run, actor, 1, memory) | {"scale": options.actors},
         "evaluator": _service(run, evaluator, 1, memory) | {"scale": options.evaluators},
     }
@@ -48,3 +46,11 @@ def _service(
 ) -> dict[str, Any]:
     limits = {"cpus": cpus, "mem_limit": f"{gibibytes}g"}
     return {"image": run.options.image, "entrypoint": entrypoint, **limits}
+
+
+def _gpus(number: int) -> dict[str, Any]:
+    """Returns what reserves a ``number`` of NVIDIA GPUs for a service."""
+    if not number:
+        return {}
+    device = {"driver": "nvidia", "count": number, "capabilities": ["gpu"]}
+    return {"deploy": {"resources": {"reservations": {"devices": [device]}}}}

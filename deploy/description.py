@@ -195,7 +195,7 @@ def describe(options: LaunchOptions, flags: Sequence[str]) -> RunDescription:
     if learner.runs != runs or (options.run is not None and learner.run != options.run):
         raise InputError("--run and --runs are flags of the launcher: write them before `--`.")
     options.clock.check(learner.config.env)
-    if learner.cuda_graphs and not options.gpus and options.engine != "compose":
+    if learner.cuda_graphs and not options.gpus:
         raise InputError("--cuda-graphs needs a GPU: write --gpus 1 before `--`.")
     folder = RunFolder(runs, run_name(learner))
     for path in (folder.path, Path(sys.executable)):

@@ -201,6 +201,15 @@ def test_kubernetes_without_certificates_has_no_place_for_them(
         assert [each["mountPath"] for each in container["volumeMounts"]] == ["/tmp"]
 
 
+def test_kubernetes_warns_of_a_run_that_would_begin_again(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    launch_pong(monkeypatch, "kubernetes", tmp_path)
+    assert "warning" not in capsys.readouterr().out
+    launch(monkeypatch, "kubernetes", f"--runs={tmp_path}", *RUN, "--", *FLAGS, "--steps=9000000")
+    assert "warning: Kubernetes starts a learner that has all its" in capsys.readouterr().out
+
+
 def test_compose_gets_what_was_described(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     yaml = pytest.importorskip("yaml")
     place = launch_pong(monkeypatch, "compose", tmp_path)
@@ -215,3 +224,14 @@ def test_compose_gets_what_was_described(monkeypatch: pytest.MonkeyPatch, tmp_pa
     assert (services["actor"]["scale"], services["evaluator"]["scale"]) == (3, 2)
     assert joins(services["actor"]["entrypoint"]).connect == "tcp/learner:7447"
     assert joins(services["evaluator"]["entrypoint"]).evaluator
+    assert not any("deploy" in service for service in services.values())
+
+
+def test_compose_reserves_gpus_for_the_learner_alone(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    place = launch_pong(monkeypatch, "compose", tmp_path, "--gpus=2")
+    services = json.loads((place / "compose.override.yaml").read_text())["services"]
+    (device,) = services["learner"].pop("deploy")["resources"]["reservations"]["devices"]
+    assert device == {"driver": "nvidia", "count": 2, "capabilities": ["gpu"]}
+    assert not any("deploy" in service for service in services.values())

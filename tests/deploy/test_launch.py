@@ -103,6 +103,7 @@ def test_no_flag_is_run_as_shell_text(monkeypatch: pytest.MonkeyPatch, tmp_path:
         ((), ("--listen=tcp/0.0.0.0:1",), "--listen is set by the launcher"),
         ((), ("--actors=3",), "--actors is set by the launcher"),
         ((), ("--run=q",), "write them before `--`"),
+        ((), ("--cuda-graphs",), "--cuda-graphs needs a GPU: write --gpus 1 before `--`"),
         (("--actors=0",), (), "--actors"),
         (("--actors=5000",), (), "--actors is 5000: choose at most 4096"),
         (("--max-actors=5000",), (), "--max-actors is 5000: choose at most 4096"),
