@@ -9,7 +9,6 @@
 """
 
 import itertools
-import os
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -33,6 +32,7 @@ from common.native.kernel import instruction_sets
 from common.native.library import multiplies_bfloat16
 from common.network import build_network
 from common.process.allocator import keep_large_blocks
+from common.process.cores import usable_cores
 from common.settings.config import RunConfig
 from common.settings.presets import PRESETS
 from learner.algorithm.interface import Algorithm, DeviceBatch, build_algorithm
@@ -98,7 +98,7 @@ def precisions_of(chosen: Device) -> dict[str, Device]:
 def time_settings(options: Options, chosen: Device) -> list[dict[str, Any]]:
     """Returns a row for each number of threads and precision; on CUDA, with and without a graph."""
     batch, cuda = noise_batch(options.batch_size, chosen.torch), chosen.torch.type == "cuda"
-    threads = [1] if cuda else sorted({1, len(os.sched_getaffinity(0))})
+    threads = [1] if cuda else sorted({1, usable_cores()})
     algorithms = {
         (name, graphs): algorithm_of(options.config, replace(device, graphs=graphs))
         for name, device in precisions_of(chosen).items()

@@ -5,7 +5,6 @@ the statistics of chunks, which the replay gives on request; the evaluators' ste
 heartbeats, processor time from /proc. A window begins and ends when a chunk is accepted.
 """
 
-import os
 import shlex
 import time
 from collections.abc import Callable, Sequence
@@ -22,6 +21,7 @@ from benchmarks.hosted_run import NEVER, HostedRun
 from benchmarks.report import BenchmarkOptions
 from common.checked import FromOne
 from common.command_line.run_options import parse_run
+from common.process.cores import usable_cores
 from common.protocol.actor_stats import ActorStats
 from common.settings.clock import ClockConfig
 from common.settings.config import PresetName
@@ -268,7 +268,7 @@ def cpu_share(
     spent = dict.fromkeys(ROLES, 0.0)
     for process, (role, seconds) in after.items():
         spent[role] += seconds - before.get(process, (role, 0.0))[1]
-    cores = len(os.sched_getaffinity(0))
+    cores = usable_cores()
     return {role: seconds / (wall * cores) for role, seconds in spent.items()}
 
 

@@ -79,6 +79,7 @@ def choose_device(
 
     Precision 'auto' takes bfloat16 where it is faster: on a GPU that has it, with AMX, and where
     the compiled code multiplies it faster. A warning tells of bfloat16 that is only emulated.
+
     The kernel is chosen as `choose_kernel` does for ``network``, on a CPU.
 
     Raises:

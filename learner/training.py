@@ -292,12 +292,8 @@ class Learner:
             "learning/skipped": self.losses.skipped,
             "stream/weights_version": self.broadcast.version,
             "stream/actors_starting": self._starting,
-            "evaluation/steps_left": self.evaluation.steps_left if self._tests_are_played else 0,
+            "evaluation/steps_left": self.evaluation.steps_left,
         }
-
-    @property
-    def _tests_are_played(self) -> bool:
-        return bool(self._starting or self.registry.alive("evaluator"))
 
     @property
     def _starting(self) -> int:

@@ -2,7 +2,7 @@
 in silence; and shows it."""
 
 import math
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager
 from numbers import Real
 from typing import Any, SupportsFloat
 
@@ -90,10 +90,12 @@ class CheckedEnv(gymnasium.Wrapper[Any, Any, Any, Any], ShownEnv[Any, Any]):
         return np.pad(picture, [*margins, (0, 0)], constant_values=_MARGIN)
 
     def still(self) -> AbstractContextManager[object]:
-        return self.unwrapped.still() if isinstance(self.unwrapped, ShownEnv) else nullcontext()
+        inner = self.unwrapped
+        return inner.still() if isinstance(inner, ShownEnv) else super().still()
 
     def paused(self) -> AbstractContextManager[object]:
-        return self.unwrapped.paused() if isinstance(self.unwrapped, ShownEnv) else nullcontext()
+        inner = self.unwrapped
+        return inner.paused() if isinstance(inner, ShownEnv) else super().paused()
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
