@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.pyplot import subplots
 
+from benchmarks.lab.robustness import OPTICS
 from benchmarks.report import reading
 from common.minus import minus_signed
 from learner.figures.plot_style import INK, Series, line_figure
@@ -17,13 +18,6 @@ _WORST, _BEST = -21.0, 21.0
 """Scores of Pong at the ends of the colour scale; other games have a scale of their own range."""
 _LUMINANCE = (0.2126, 0.7152, 0.0722)
 """Shares of red, green and blue in the luminance of a colour, Rec. 709."""
-_WORDS = {
-    "nominal": "a perfect camera",
-    "grain": "noise and blur",
-    "pose": "head and screen moved",
-    "light": "gamma, ambient light, glare",
-    "late": "pictures lost and late",
-}
 
 
 class Grid(NamedTuple):
@@ -50,7 +44,7 @@ def read_grid(path: Path) -> Grid:
         if not means:
             raise ValueError("none of its cells was played")
         # Cells are in the order in which they were played.
-        optics = sorted({each for each, _ in means}, key=[*_WORDS].index)
+        optics = sorted({each for each, _ in means}, key=[*OPTICS].index)
     return Grid(name, optics, sorted({added for _, added in means}), means)
 
 
@@ -84,7 +78,7 @@ def _heat_map(axes: Axes, grid: Grid, low: float, high: float) -> Any:
             text = minus_signed(f"{value:.1f}")
             axes.text(column, row, text, ha="center", va="center", color=INK if light else "white")
     axes.set_xticks(range(len(grid.added_ms)), [f"{added:.0f}" for added in grid.added_ms])
-    axes.set_yticks(range(len(grid.optics)), [_WORDS[each] for each in grid.optics])
+    axes.set_yticks(range(len(grid.optics)), [OPTICS[each].title for each in grid.optics])
     axes.tick_params(length=0, labelcolor=INK)
     axes.set_title(grid.name, loc="left", fontsize=9, color=INK)
     axes.set_xlabel("added actuation latency, ms", color=INK)

@@ -11,41 +11,59 @@ robustness FILE` draws it as a heat map, or as a curve if there is only one opti
 import hashlib
 import json
 import shlex
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, NamedTuple
 
 from annotated_types import Ge, Le, MinLen
 
 from ale_robot.policies import GridScores
 from benchmarks.lab.policy import PlayingOptions, evaluate
-from benchmarks.report import Report, Table, main, measure_missing, resumed, scored
+from benchmarks.report import Report, Row, Table, main, measure_missing, resumed, scored
 from common.atomic_file import write_json
 from common.checked import Fraction, FromOne
 from common.command_line.parser import flag_in
-from common.errors import InputError
+from common.command_line.played import parse_played
+from common.errors import InputError, choice
 from common.press_latency import ms_of
 from common.registry import ROBOTS
-from common.settings.conditions import MAX_ADDED
-from common.settings.config import RunConfig
-from common.settings.stored_config import flat
+from common.settings.conditions import DEFAULT_PLAY, MAX_ADDED, PERFECT_CAMERA
+from learner.evaluation.__main__ import Evaluation
 
-Optics = Literal["nominal", "grain", "pose", "light", "late"]
-OPTICS: dict[Optics, dict[str, str]] = {
-    "nominal": {},
-    "grain": {"camera.noise": "8", "camera.blur": "1"},
-    "pose": {"randomise.head-pose": "5", "randomise.screen-distance": "0.15"},
-    "light": {"randomise.gamma": "1.6", "randomise.ambient": "0.2", "randomise.glare": "0.3"},
-    "late": {"camera.dropped": "0.1", "camera.latency": "1"},
+
+class Optics(NamedTuple):
+    """A fault of the eye."""
+
+    title: str
+    """Its name for people."""
+    settings: dict[str, str]
+
+
+OPTICS = {
+    "nominal": Optics("a perfect camera", {}),
+    "grain": Optics("noise and blur", {"camera.noise": "8", "camera.blur": "1"}),
+    "pose": Optics(
+        "head and screen moved",
+        {"randomise.head-pose": "5", "randomise.screen-distance": "0.15"},
+    ),
+    "light": Optics(
+        "gamma, ambient light, glare",
+        {"randomise.gamma": "1.6", "randomise.ambient": "0.2", "randomise.glare": "0.3"},
+    ),
+    "late": Optics("pictures lost and late", {"camera.dropped": "0.1", "camera.latency": "1"}),
 }
 """Settings of the eye. Noise is in grey levels, the head's pose in degrees; the screen's distance,
 ambient light and glare are shares. In "late", 10 % of the pictures are lost and all are one agent
 step late."""
-_USUAL = flat(RunConfig())
-_OFF = {name: f"{_USUAL[name.replace('-', '_')]}" for each in OPTICS.values() for name in each}
-"""The same settings with values that change nothing, so that a cell is the same for all networks.
-"""
+_USUAL = {
+    **{f"camera.{name}": value for name, value in asdict(PERFECT_CAMERA).items()},
+    **{
+        f"play.{name}": getattr(DEFAULT_PLAY, name)
+        for name in ("actuation_jitter", "arm_speed", "key_threshold")
+    },
+}
+"""What all cells but for their own settings have, so that a cell is the same for all networks."""
 _KEPT = (
     "games", "mean", "deviation", "iqm", "iqm_low", "iqm_high", "least", "most", "steps", "scores",
     "press_match_share", "valid_frame_share", "git_commit", "git_dirty",
@@ -62,9 +80,8 @@ class Options(PlayingOptions):
 
     latencies: Annotated[tuple[Annotated[int, Ge(0), Le(MAX_ADDED)], ...], MinLen(1)] = _LATENCIES
     """Added actuation latencies, emulator frames of 16.7 ms: 0, 33, 67, 133 and 200 ms."""
-    optics: Annotated[tuple[Optics, ...], MinLen(1)] = tuple(OPTICS)
-    """Optics: nominal; grain (noise and blur); pose (of head and screen); light (gamma, ambient
-    light and glare); late (lost and late pictures)."""
+    optics: Annotated[tuple[str, ...], MinLen(1)] = tuple(OPTICS)
+    """Optics: faults of the eye, which docs/conditions.md describes."""
     sticky: Fraction = 0.0
     """Probability of the console's sticky actions."""
     robot: str | None = None
@@ -84,6 +101,9 @@ class Options(PlayingOptions):
             given = set(map(flag_in, shlex.split(self.flags)))
         except ValueError as error:
             raise InputError(f"--flags is {self.flags!r} ({error}): quote it whole.") from None
+        for name in self.optics:
+            if name not in OPTICS:
+                raise InputError(f"there is no optics {name!r}: {choice(name, [*OPTICS])}")
         own = {*cell_flags(0, "nominal", 0.0, "nao"), "--robot", *_OWN}
         if refused := sorted(given & own):
             raise InputError(f"--flags names {refused[0]}, which the grid itself gives: omit it.")
@@ -98,14 +118,42 @@ class Options(PlayingOptions):
                 f"{self.network} has no card: publish it by python -m learner.publish, or omit "
                 "--card."
             )
+        self._check_cells()
+
+    def _check_cells(self) -> None:
+        """Refuses optics of which the network's environment knows nothing, before any game."""
+        refused: dict[str, InputError] = {}
+        for optics in self.optics:
+            try:
+                self.evaluation(optics, max(self.latencies)).check()
+            except InputError as error:
+                refused[optics] = error
+        if refused:
+            first, why = next(iter(refused.items()))
+            if not (left := [name for name in self.optics if name not in refused]):
+                raise why
+            raise InputError(
+                f"the network cannot play --optics {first} ({f'{why}'.removesuffix('.')}): give "
+                f"--optics {' '.join(left)}."
+            )
+
+    def evaluation(self, optics: str, latency: int) -> Evaluation:
+        """Returns the evaluation of a cell."""
+        flags = [f"{self.network}", *self.cell_flags(optics, latency)]
+        return parse_played(Evaluation, "learner.evaluation", flags)
+
+    def cell_flags(self, optics: str, latency: int) -> list[str]:
+        """Returns the flags of a cell's evaluation."""
+        cell = cell_flags(latency, optics, self.sticky, self.robot)
+        return [*cell, *shlex.split(self.flags), "--seed", f"{self.seed}"]
 
 
-def cell_flags(latency: int, optics: Optics, sticky: float, robot: str | None = None) -> list[str]:
+def cell_flags(latency: int, optics: str, sticky: float, robot: str | None = None) -> list[str]:
     """Returns the flags of an evaluation in a cell of the grid."""
     settings = {
         **({} if robot is None else {"play.robot": robot}),
-        **_OFF,
-        **OPTICS[optics],
+        **{name.replace("_", "-"): f"{value}" for name, value in _USUAL.items()},
+        **OPTICS[optics].settings,
         "play.actuation-latency": f"{latency}",
         "play.sticky": f"{sticky:g}",
     }
@@ -131,6 +179,7 @@ def measure(options: Options) -> Report:
         options.json, about, "grid of this network, robot, games, ε, sticky, seed and flags"
     )
     found.pop("rows", None)  # the old rows have fewer cells
+    found["cells"] = [cell for cell in found.get("cells", ()) if _is_current(cell)]
     asked = [(optics, late) for optics in options.optics for late in options.latencies]
     places = [{"optics": optics, "latency": late} for optics, late in asked]
     cells = measure_missing(options.json, found, "cells", places, partial(_play, options))
@@ -164,11 +213,17 @@ def measure(options: Options) -> Report:
     return Report([Table(title, rows)], found, (note,))
 
 
-def _play(options: Options, optics: Optics, latency: int) -> dict[str, Any]:
-    cell = cell_flags(latency, optics, options.sticky, options.robot)
-    flags = [*cell, *shlex.split(options.flags), "--seed", f"{options.seed}"]
+def _is_current(cell: Row) -> bool:
+    """Whether a cell of a file has the present settings of its optics; older files do not tell."""
+    settings = OPTICS[cell["optics"]].settings
+    return bool(cell.get("settings", settings) == settings)
+
+
+def _play(options: Options, optics: str, latency: int) -> Row:
+    flags = options.cell_flags(optics, latency)
     told = evaluate(options.network, options.games, options.epsilon, flags)
-    return {"added_ms": ms_of(latency)} | {name: told[name] for name in _KEPT}
+    what = {"added_ms": ms_of(latency), "settings": OPTICS[optics].settings}
+    return what | {name: told[name] for name in _KEPT}
 
 
 def _add_to_card(network: Path, grid: GridScores, sha256: str) -> None:

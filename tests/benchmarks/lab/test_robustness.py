@@ -20,7 +20,8 @@ from common.settings.ranges import RandomiseConfig
 from learner.evaluation.__main__ import Evaluation
 from tests.paths import ROOT
 
-POLICY = ROOT / "policies" / "robot_pong.safetensors"
+POLICY = ROOT / "policies" / "robot_pong_pixels.safetensors"
+"""One that plays with any robot's hands."""
 
 
 def played(flags: Sequence[str], policy: Path = POLICY) -> RunConfig:
@@ -111,6 +112,59 @@ def test_a_file_from_before_there_were_flags_goes_on(games: Games, tmp_path: Pat
         grid(file, "--optics", "nominal", "--flags=--play.equal-latency 17")
 
 
+def test_cells_of_other_settings_are_played_again(
+    games: Games, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = tmp_path / "grid.json"
+    grid(file)
+    noisier = OPTICS["grain"]._replace(settings={"camera.noise": "12", "camera.blur": "1"})
+    monkeypatch.setitem(OPTICS, "grain", noisier)
+    cells = grid(file)["cells"]
+    assert (len(cells), len(games.flags)) == (25, 30)
+    assert [cell["mean"] for cell in cells if cell["optics"] == "grain"] == [17, 15, 13, 9, 5]
+
+
+def test_a_network_of_the_emulator_alone_is_told_at_once_what_it_can_play(
+    games: Games, tmp_path: Path
+) -> None:
+    games.network = ROOT / "policies" / "ale_pong.safetensors"
+    told = r"cannot play --optics pose \(.*--env ale.*\): give --optics nominal grain light late\."
+    with pytest.raises(InputError, match=told):
+        grid(tmp_path / "grid.json", network=games.network)
+    assert not games.flags
+    flags = "--optics", "nominal", "grain", "light", "late"
+    assert len(grid(tmp_path / "grid.json", *flags, network=games.network)["cells"]) == 20
+
+
+def test_an_error_of_all_cells_is_told_as_it_is(games: Games, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"^there is no flag --camera\.fog"):
+        grid(tmp_path / "grid.json", "--flags=--camera.fog 1")
+
+
+def test_unknown_optics() -> None:
+    with pytest.raises(InputError, match="there is no optics 'graln': did you mean grain"):
+        run(
+            "lab.robustness",
+            robustness.Options,
+            robustness.measure,
+            [f"{POLICY}", "--optics", "graln"],
+        )
+
+
+def test_a_cell_is_the_same_for_all_networks() -> None:
+    odd = ["--camera.red", "0.5", "--play.arm-speed", "0.4", "--play.actuation-jitter", "2"]
+    for optics in OPTICS:
+        assert played([*odd, *cell_flags(4, optics, 0.0)]) == played(cell_flags(4, optics, 0.0))
+
+
+def test_the_page_tells_the_optics() -> None:
+    page = (ROOT / "docs" / "conditions.md").read_text(encoding="utf-8")
+    for name, optics in OPTICS.items():
+        flags = " ".join(f"--{setting} {value}" for setting, value in optics.settings.items())
+        cells = f"| `{name}`: {optics.title} | {f'`{flags}` ' if flags else ''}|"
+        assert cells in page
+
+
 def test_an_interrupted_grid_goes_on(games: Games, tmp_path: Path) -> None:
     file = tmp_path / "grid.json"
     games.left = 7
@@ -159,9 +213,11 @@ def test_another_robot_may_play(games: Games, tmp_path: Path) -> None:
     content = grid(tmp_path / "grid.json", "--robot", "robotroller", "--optics", "nominal")
     assert content["network"] == f"{POLICY.stem} by robotroller"
     assert {each["--play.robot"] for each in games.flags} == {"robotroller"}
-    any_hands = POLICY.with_stem("robot_pong_robust")
     flags = cell_flags(0, "nominal", 0.0, "robotroller")
-    assert played(flags, any_hands).play.robot == "robotroller"
+    assert played(flags).play.robot == "robotroller"
+    games.network = POLICY.with_stem("robot_pong")
+    with pytest.raises(InputError, match="give --robot nao"):  # it was told NAO's joints
+        grid(tmp_path / "joints.json", "--robot", "robotroller", network=games.network)
     with pytest.raises(InputError, match="with the policy's own robot: omit"):
         grid(tmp_path / "card.json", "--card", "--robot", "robotroller")
     with pytest.raises(InputError, match="robotrolla"):
