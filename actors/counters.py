@@ -23,6 +23,8 @@ class ActorCounters:
     def __init__(self, name: str = "", role: Role = "actor", incarnation: int = 0) -> None:
         self.stats = ActorStats(name, role, incarnation, machine=socket.gethostname()[:MAX_TEXT])
         self.throttled_seconds = 0.0
+        self.follows = 0
+        """Steps whose frames changed as the game's own pictures did."""
         self.key_times = [0] * COUNTS
         """How long the hands took; see `common.press_latency`."""
         self._began = time.monotonic()
@@ -33,6 +35,7 @@ class ActorCounters:
         stats.steps += 1
         stats.valid += step.valid
         stats.matched += info.keys_match
+        self.follows += info.frame_follows
         stats.decisions += info.elapsed
         stats.missed_deadlines += info.missed_deadlines
         stats.late_frames += info.late_frames

@@ -78,6 +78,7 @@ def games(
                 yield {
                     "score": step.info.game_score,
                     **{name: counted[name] for name in _COUNTED},
+                    "follows": counters.follows,
                     "key_times": counters.key_times,
                     "game_seconds": counted["decisions"] / inner.rate,
                     "wall_seconds": env.seconds,

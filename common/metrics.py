@@ -59,6 +59,9 @@ class Bound:
 
 
 VALID_FRAMES = Bound("valid frames", "≥", 0.99, "the screen is not found in the camera's picture")
+FOLLOWING_FRAMES = Bound(
+    "following frames", "≥", 0.5, "frames do not change as the game does", quiet=True
+)
 PIXEL_DEVIATION = Bound("pixel deviation", ">", 1.0, "frames are black or of one grey")
 KEYS_AS_COMMANDED = Bound(
     "keys as commanded", "≥", 0.5, "the hands do not press the commanded keys"
@@ -212,10 +215,9 @@ declare(
            "frames valid", ("Learning", 8), gate="valid_frames", summary="valid_frame_share",
            bound=VALID_FRAMES),
     Metric("play/following_frame_share", "ratio", ".3",
-           "Share of the recent steps whose frame changed, or whose game picture did not",
+           "Share of the recent steps whose frames changed as the game's own pictures did",
            gate="following_frames",
-           bound=Bound("following frames", "≥", 0.5,
-                       "frames stay the same while the game goes on", quiet=True)),
+           bound=FOLLOWING_FRAMES),
     Metric("play/faulty_environments", "none", "count",
            "Environments of whose newest steps fewer than half saw the screen, saw it change, or "
            "ended with the commanded keys",

@@ -12,13 +12,15 @@ from actors.envs.emulator import Emulator
 from actors.envs.eye_timing import eye_latency
 from actors.envs.game import AtariGame
 from actors.envs.observation import shrink
-from actors.envs.phosphor import luminance
+from actors.envs.sight_check import SightCheck
 from actors.robots.interface import Robot
 from actors.robots.room.sensor import newest_due
-from actors.vision.screen_detector import Detection, ScreenDetector, is_blank
+from actors.vision.screen_detector import Detection, ScreenDetector
 from common.protocol.step_fields import FRAME_SHAPE
 from common.settings.conditions import CameraConfig
 
+_MANY_LOST = 0.25
+"""Share of lost pictures beyond which frames may well stand still while the game goes on."""
 _UNSEEN = Detection(np.zeros(FRAME_SHAPE, np.uint8), False, None)
 
 
@@ -34,8 +36,7 @@ class Eye:
         self._sees = source == "camera"
         self.detection = _UNSEEN
         """The game as detected in the last picture."""
-        self.follows = True
-        """Whether the frame changed since the last `look`, or the game's own picture did not."""
+        self._check = SightCheck()
         self._detector: ScreenDetector
         self._picture: NDArray[np.uint8] | None = None
         self._unseen = 0
@@ -45,14 +46,13 @@ class Eye:
         self._shown: deque[tuple[int, NDArray[np.uint8]]] = deque()
         """The game's own pictures since the one that the camera's last picture shows, with their
         agent steps, oldest first."""
-        self._shown_before = np.zeros(0, np.uint8)
-        """The oldest of them at the `look` before."""
 
     def begin_game(self) -> None:
         """Forgets screen and pictures; call it after `Robot.begin_game`."""
         # A seeded game may know nothing of an earlier one, not even where the screen was.
         self._detector = ScreenDetector(self._camera.distortion)
         self.detection = _UNSEEN
+        self._check.begin_game()
         self._unseen = self._now = 0
         self._shown.clear()
 
@@ -66,6 +66,12 @@ class Eye:
         found = eye_latency(partial(self._robot.camera_picture, agent_steps=1), shape)
         self._robot.begin_game(self._game.conditions, rng)
         return found
+
+    @property
+    def follows(self) -> bool:
+        """Whether the frames changed as the game's own pictures did, when that was last checked; a
+        camera that loses many pictures on purpose is not judged."""
+        return self._check.verdict.follows or self._camera.dropped > _MANY_LOST
 
     @property
     def picture(self) -> NDArray[np.uint8]:
@@ -118,11 +124,9 @@ class Eye:
         return self._robot.camera_picture(screen, passed)
 
     def _detect(self) -> None:
-        before, self.detection = self.detection, self._detector.detect(self.picture)
+        self.detection = found = self._detector.detect(self.picture)
         _, shown = self._shown[0]
-        if is_blank(self.detection.frame) and not is_blank(shrink(luminance(shown))):
+        self._check.look(found.frame if found.valid else None, shown)
+        if not self._check.verdict.shows:
             # The border is in place, but the game in it cannot be seen.
-            self.detection = self.detection._replace(valid=False)
-        changed = not np.array_equal(before.frame, self.detection.frame)
-        self.follows = changed or np.array_equal(shown, self._shown_before)
-        self._shown_before = shown
+            self.detection = found._replace(valid=False)

@@ -20,10 +20,9 @@ class StepInfo(NamedTuple):
     game_steps: int
     """Agent steps of the game so far, random start included."""
     valid_frame: bool = True
-    """Whether the newest frame really shows the screen."""
+    """Whether the newest frame really shows the game."""
     frame_follows: bool = True
-    """Whether the newest frame differs from the one before, or the game's own picture did not
-    change."""
+    """Whether frames change as the game's own pictures do."""
     keys_match: bool = True
     """Whether the keys pressed at the step's end were the commanded ones."""
     elapsed: int = 1

@@ -44,11 +44,6 @@ _UNMOVED = 0.9
 _EDGE = 0.25
 """Minimum fall of light at an edge, as a share of the whole picture's contrast."""
 
-_BLANK = 1.5
-"""Standard deviation of a frame's areas, grey levels, below which it shows nothing. Camera noise of
-8 grey levels makes 0.7. In 600 random steps of each game, 98 % have 1.9 or more, except in one game
-that is black while it thinks."""
-
 
 class Detection(NamedTuple):
     """The game as detected in one camera picture."""
@@ -117,14 +112,6 @@ class ScreenDetector:
         if self._lens is not None:  # give the corners in the distorted camera picture
             self._corners = self._lens.bend(corners.astype(np.float64)).astype(np.float32)
         return True
-
-
-def is_blank(frame: NDArray[np.uint8]) -> bool:
-    """Whether a frame ``uint8 [84, 84]`` shows nothing but one grey and noise."""
-    # Means over 7×7 pixels differ by a seventh of the noise.
-    areas = cv2.resize(frame, (12, 12), interpolation=cv2.INTER_AREA)
-    # OpenCV takes a tenth of numpy's time.
-    return float(cv2.meanStdDev(areas)[1][0, 0]) < _BLANK
 
 
 def _levels(grey: NDArray[np.uint8]) -> tuple[float, float]:

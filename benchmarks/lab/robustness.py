@@ -30,6 +30,7 @@ from common.press_latency import ms_of
 from common.registry import ROBOTS
 from common.settings.conditions import DEFAULT_PLAY, MAX_ADDED, PERFECT_CAMERA
 from learner.evaluation.__main__ import Evaluation
+from learner.evaluation.options import EPSILON
 
 
 class Optics(NamedTuple):
@@ -65,8 +66,9 @@ _USUAL = {
 }
 """What all cells but for their own settings have, so that a cell is the same for all networks."""
 _KEPT = (
-    "games", "mean", "deviation", "iqm", "iqm_low", "iqm_high", "least", "most", "steps", "scores",
-    "press_match_share", "valid_frame_share", "git_commit", "git_dirty",
+    "games", "mean", "deviation", "iqm", "iqm_low", "iqm_high", "least", "most", "distinct_games",
+    "distinct_endings", "steps", "scores", "press_match_share",
+    "valid_frame_share", "git_commit", "git_dirty",
 )  # fmt: skip
 
 _LATENCIES = (0, 2, 4, 8, 12)
@@ -107,11 +109,11 @@ class Options(PlayingOptions):
         own = {*cell_flags(0, "nominal", 0.0, "nao"), "--robot", *_OWN}
         if refused := sorted(given & own):
             raise InputError(f"--flags names {refused[0]}, which the grid itself gives: omit it.")
-        grid = self.latencies, self.optics, self.sticky, self.robot, self.flags
-        if self.card and grid != (_LATENCIES, tuple(OPTICS), 0.0, None, ""):
+        grid = self.latencies, self.optics, self.sticky, self.robot, self.flags, self.epsilon
+        if self.card and grid != (_LATENCIES, tuple(OPTICS), 0.0, None, "", EPSILON):
             raise InputError(
                 "--card needs the whole grid with the policy's own robot: omit --latencies, "
-                "--optics, --sticky, --robot, --flags."
+                "--optics, --sticky, --robot, --flags, --epsilon."
             )
         if self.card and not self.network.with_suffix(".json").is_file():
             raise InputError(
@@ -165,6 +167,7 @@ def measure(options: Options) -> Report:
     player = options.network.stem
     if options.robot is not None:
         player += f" by {options.robot}"
+    played = options.evaluation(options.optics[0], options.latencies[0]).config().play
     about = {
         "title": f"robustness of {player}",
         "network": player,
@@ -174,12 +177,15 @@ def measure(options: Options) -> Report:
         "games": options.games,
         "seed": options.seed,
         "flags": options.flags,
+        # With the hash of each file's content.
+        "latency_model": played.latency_model or "",
+        "hands_model": played.hands_model,
     }
     found = resumed(
         options.json, about, "grid of this network, robot, games, ε, sticky, seed and flags"
     )
     found.pop("rows", None)  # the old rows have fewer cells
-    found["cells"] = [cell for cell in found.get("cells", ()) if _is_current(cell)]
+    found["cells"] = _current(found.get("cells", []), options.json)
     asked = [(optics, late) for optics in options.optics for late in options.latencies]
     places = [{"optics": optics, "latency": late} for optics, late in asked]
     cells = measure_missing(options.json, found, "cells", places, partial(_play, options))
@@ -213,10 +219,23 @@ def measure(options: Options) -> Report:
     return Report([Table(title, rows)], found, (note,))
 
 
-def _is_current(cell: Row) -> bool:
-    """Whether a cell of a file has the present settings of its optics; older files do not tell."""
-    settings = OPTICS[cell["optics"]].settings
-    return bool(cell.get("settings", settings) == settings)
+def _current(cells: Any, file: Path | None) -> list[Row]:
+    """Returns those cells of a file that have the present settings of their optics; older files do
+    not tell. Raises InputError if they are no cells."""
+    now = {name: optics.settings for name, optics in OPTICS.items()}
+    try:
+        for cell in cells:
+            scored(cell), cell["latency"]
+        return [
+            cell
+            for cell in cells
+            if (settings := now.get(cell["optics"])) is not None
+            and cell.get("settings", settings) == settings
+        ]
+    except (TypeError, KeyError, ValueError) as error:
+        raise InputError(
+            f"{file} holds no cells of a grid ({error!r}): name another file."
+        ) from None
 
 
 def _play(options: Options, optics: str, latency: int) -> Row:

@@ -4,6 +4,7 @@ The number of games of each process is fixed before the first one starts. Taking
 first would overcount short games, which are defeats.
 """
 
+import hashlib
 import json
 import subprocess
 import threading
@@ -20,7 +21,7 @@ from common.atomic_file import write_json
 from common.counted import counted
 from common.errors import InputError, writing
 from common.exit_codes import FAILED
-from common.metrics import VALID_FRAMES
+from common.metrics import FOLLOWING_FRAMES, VALID_FRAMES
 from common.minus import points
 from common.network import build_network
 from common.process.progress import Progress
@@ -39,6 +40,10 @@ from learner.telemetry.formats import per_cent
 from learner.telemetry.provenance import provenance
 
 _POLL = 0.5
+
+
+class Stopped(Exception):
+    """The evaluation was stopped before all of its games had been played."""
 
 
 def evaluate(
@@ -73,6 +78,7 @@ def evaluate(
         return None
     content: dict[str, Any] = {
         "weights": name or name_of(network),
+        "sha256": hashlib.sha256(network.read_bytes()).hexdigest(),
         "seed": config.seed,
         "flags": clock.flags(),
         **({"rows": rows} if options.headline else rows[0]),
@@ -83,6 +89,11 @@ def evaluate(
         console.print(
             f"The screen was found in {per_cent(seen, 1)} of the frames only: what was not seen "
             "cannot be played.",
+            soft_wrap=True,
+        )
+    if min(row["following_frame_share"] for row in rows) < FOLLOWING_FRAMES.limit:
+        console.print(
+            "The frames mostly did not change as the game did: the camera may have stopped.",
             soft_wrap=True,
         )
     content = strict(content)
@@ -113,16 +124,17 @@ def _rows(
         for number, measure in enumerate(measures, 1):
             settings = replace(config, play=replace(config.play, sticky=measure.sticky))
             found: list[dict[str, Any]] = []
-            for game in play(network, options, measure.epsilon, settings, clock.flags(), stop):
-                found.append(game)
-                played += 1
-                if not console.is_terminal:  # a log lists the games one by one
-                    console.print(f"game {played}: score {points(game['score'])}")
-                later = options.games * (len(measures) - number)
-                total = played + max(options.games - len(found), 0) + later
-                note = f"{played} of {total} games, the last {points(game['score'])}"
-                progress.update(played, total=total, note=note)
-            if stop.is_set() and len(found) < options.games:
+            try:
+                for game in play(network, options, measure.epsilon, settings, clock.flags(), stop):
+                    found.append(game)
+                    played += 1
+                    if not console.is_terminal:  # a log lists the games one by one
+                        console.print(f"game {played}: score {points(game['score'])}")
+                    later = options.games * (len(measures) - number)
+                    total = played + max(options.games - len(found), 0) + later
+                    note = f"{played} of {total} games, the last {points(game['score'])}"
+                    progress.update(played, total=total, note=note)
+            except Stopped:
                 break
             known = trained and replace(trained, seed=config.seed)
             changed = differences(known, settings) if known else []
@@ -170,23 +182,24 @@ def play(
 
     Raises:
         InputError: a process failed.
+        Stopped: ``stop`` was set, and a process had not yet played all that it was to play.
     """
     count = options.at_once
+    owed = [
+        [options.games // count + (at < options.games % count), -(-options.test_steps // count)]
+        for at in range(count)
+    ]
     arguments = {
         "--weights": network,
         "--settings": to_json(config),
         "--epsilon": epsilon,
-        "--steps": -(-options.test_steps // count),
         "--ending": ENDING,
     }
     lines: Queue[tuple[int, str | None]] = Queue()
     children = []
     with ExitStack() as end:
-        for at in range(count):
-            own = {
-                "--games": options.games // count + (at < options.games % count),
-                "--seed": config.seed * 1_000 + at,
-            }
+        for at, (games, steps) in enumerate(owed):
+            own = {"--games": games, "--steps": steps, "--seed": config.seed * 1_000 + at}
             pairs = [str(part) for pair in (arguments | own).items() for part in pair]
             child = Child(
                 *("actors.games", *pairs, *flags),
@@ -207,7 +220,9 @@ def play(
             except Empty:
                 continue
             if line is not None:
-                yield {"process": at, **json.loads(line)}
+                game = json.loads(line)
+                owed[at] = [owed[at][0] - 1, owed[at][1] - game["steps"]]
+                yield {"process": at, **game}
                 continue
             playing -= 1
             status = children[at].wait()
@@ -216,6 +231,8 @@ def play(
                 if status < 0:
                     why, code = f"signal {-status} ended a process", FAILED
                 raise InputError(f"the games could not be played: {why}.", code)
+        if stop.is_set() and any(each > 0 for process in owed for each in process):
+            raise Stopped
 
 
 def _read(at: int, child: Child, lines: "Queue[tuple[int, str | None]]") -> None:

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Annotated
 
 import tyro
+from annotated_types import Le
 
 from common.checked import Count, Fraction, FromOne
 from common.command_line.parser import check_bounds
@@ -32,6 +33,8 @@ EPSILON = 0.001
 GAMES = 30
 """Number of games of an evaluation for which none is given."""
 
+MOST_GAMES = 1_000_000
+
 HEADLINE = (
     Measure(EPSILON, 0.0),  # the policy itself: nearly one game, repeated
     Measure(0.05, 0.0),  # 2017, after Mnih et al. 2015
@@ -47,7 +50,7 @@ class EvaluationOptions:
     headline: bool = False
     """Three evaluations in one table and one file: with 0.001 random actions, with 0.05 as in 2017,
     and with 0.001 under sticky actions (--play.sticky 0.25), which only Atari games have."""
-    games: FromOne = GAMES
+    games: Annotated[FromOne, Le(MOST_GAMES)] = GAMES
     """Number of games, over all processes; with --headline, of each of its three evaluations."""
     test_steps: Count = 0
     """Minimum number of agent steps, over all processes; the tests of 2017 played 125,000."""
@@ -82,13 +85,15 @@ class EvaluationOptions:
             trained: settings that the network was trained under.
 
         Raises:
-            InputError: ``config`` has sticky actions of its own, which a headline overrides.
+            InputError: ``config`` has or draws sticky actions of its own, beside a headline's.
         """
         if not self.headline:
             epsilon = EPSILON if self.epsilon is None else self.epsilon
             return (Measure(epsilon, config.play.sticky),)
         if config.play.sticky != (trained or RunConfig()).play.sticky:
             raise InputError("--headline has its own sticky actions: omit --play.sticky.")
+        if config.randomise.sticky:  # as by --randomise.all
+            raise InputError("--headline has its own sticky actions: give --randomise.sticky 0.")
         # Without a console, the same games would be played again and called sticky.
         has_console = ENVIRONMENTS.find(config.env).atari
         return [each for each in HEADLINE if has_console or not each.sticky]

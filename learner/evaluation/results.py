@@ -51,6 +51,7 @@ def summarise(games: Sequence[Mapping[str, Any]], clock: ClockConfig) -> dict[st
         "release_ms": asdict(KeyLatency.of(key_times, "release")),
         "press_match_share": total("matched") / steps,
         "valid_frame_share": total("valid") / steps,
+        "following_frame_share": total("follows") / steps,
         "scores": [game["score"] for game in games],
         "steps_of_games": [game["steps"] for game in games],
         "game_hashes": [game["game_hash"] for game in games],
@@ -103,6 +104,12 @@ def _mean(row: Mapping[str, Any]) -> str:
     return f"{decimal(row['mean'], 2)}{spread}"
 
 
+def _steps(row: Mapping[str, Any]) -> str:
+    """Returns the number of agent steps, and how many passed in the game if that is another."""
+    passed = f" ({row['decisions']:,} passed)" if row["decisions"] != row["steps"] else ""
+    return f"{row['steps']:,}{passed}"
+
+
 def _pace(row: Mapping[str, Any]) -> str:
     if row["speed"] is None:
         return "not in real time"
@@ -130,7 +137,7 @@ _LINES: tuple[tuple[str, Callable[[Mapping[str, Any]], str]], ...] = (
     ),
     ("median", lambda row: points(row["median"])),
     ("least, most", lambda row: f"{points(row['least'])}, {points(row['most'])}"),
-    ("agent steps", lambda row: f"{row['steps']:,}"),
+    ("agent steps", _steps),
     ("keys as commanded", lambda row: _of_robot(row, "press_match_share")),
     ("command to keys, p50/p99 ms", _hands),
     ("frames valid", lambda row: _of_robot(row, "valid_frame_share")),

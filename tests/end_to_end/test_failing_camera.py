@@ -34,6 +34,13 @@ class _Camera:
             self._last = self._take(screen, agent_steps)
         return self._last
 
+    def stopping(self, screen: NDArray[np.uint8], agent_steps: int = 1) -> NDArray[np.uint8]:
+        """Pictures of one moment of the game for ever, each with noise of its own."""
+        self._left -= 1
+        if self._left >= 0:
+            self._last = screen
+        return self._take(self._last, agent_steps)
+
     def darkening(self, screen: NDArray[np.uint8], agent_steps: int = 1) -> NDArray[np.uint8]:
         """All is black within the border."""
         self._left -= 1
@@ -43,6 +50,12 @@ class _Camera:
 def freezing(*given: Any, training: bool) -> RobotEnv:
     env = RobotEnv.of_run(*given, training=training)
     env.robot.camera_picture = _Camera(env).freezing  # type: ignore[method-assign]
+    return env
+
+
+def stopping(*given: Any, training: bool) -> RobotEnv:
+    env = RobotEnv.of_run(*given, training=training)
+    env.robot.camera_picture = _Camera(env).stopping  # type: ignore[method-assign]
     return env
 
 
@@ -61,19 +74,27 @@ def sometimes(*given: Any, training: bool) -> RobotEnv:
     return make(*given, training=training)
 
 
-FREEZING, DARKENING, SOMETIMES = (
+FREEZING, STOPPING, DARKENING, SOMETIMES = (
     replace(ENVIRONMENTS.find("robot"), name=factory.__name__, factory=factory)
-    for factory in (freezing, darkening, sometimes)
+    for factory in (freezing, stopping, darkening, sometimes)
 )
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("env", "check"), [(FREEZING, "following frames"), (DARKENING, "valid frames")]
+    ("env", "check"),
+    [
+        (FREEZING, "following frames"),
+        (STOPPING, "following frames"),
+        (DARKENING, "valid frames"),
+    ],
 )
-def test_a_camera_that_fails_ends_the_run(stage: Stage, env: Environment, check: str) -> None:
+@pytest.mark.parametrize("faults", [(), ("--camera.noise=8", "--camera.glare=0.3")])
+def test_a_camera_that_fails_ends_the_run(
+    stage: Stage, env: Environment, check: str, faults: tuple[str, ...]
+) -> None:
     # More steps than any machine plays before the check has been red for long enough.
-    output = _learner(stage, env, "--steps=200000").ends(3)
+    output = _learner(stage, env, "--steps=200000", *faults).ends(3)
 
     (last,) = (line for line in output.splitlines() if line.startswith("stopped: "))
     assert f"health check '{check}' has been red for 0.1 minutes and 320 steps: " in last

@@ -6,6 +6,7 @@ trusted.
 """
 
 import io
+import reprlib
 import zipfile
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -26,6 +27,8 @@ COMMANDS = 30
 ROW = 2 * ACTIONS
 """Numbers per command."""
 MAX_HIDDEN = 4_096
+_NAMED = 6
+"""Maximum number of wrong members that an error names."""
 _MEMBERS = ("fc_weight", "fc_bias", "pred_weight", "pred_bias")
 
 
@@ -93,7 +96,10 @@ def _arrays(content: bytes) -> dict[str, NDArray[np.float64]]:
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
         sizes = {each.filename: each.file_size for each in archive.infolist()}
     if sizes.keys() != {f"{name}.npy" for name in _MEMBERS}:
-        raise ValueError(f"its members are {', '.join(sorted(sizes)) or 'none'}")
+        # Names are not trusted either: a file may hold a million, or line breaks in them.
+        named = ", ".join(reprlib.repr(name) for name in sorted(sizes)[:_NAMED])
+        more = f" and {len(sizes) - _NAMED} more" if len(sizes) > _NAMED else ""
+        raise ValueError(f"its members are {named or 'none'}{more}")
     if sum(sizes.values()) > MAX_BYTES:
         raise ValueError(f"unpacked it is larger than {MAX_BYTES:,} bytes")
     with np.load(io.BytesIO(content), allow_pickle=False) as arrays:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from actors.envs import eye as eye_module
+from actors.envs import sight_check
 from actors.envs.eye import Eye
 from actors.robots.room.sensor import Sensor
 from actors.vision.screen_detector import Detection
@@ -36,8 +37,9 @@ class Scene:
             return SimpleNamespace(detect=lambda picture: Detection(picture, True, None))
 
         monkeypatch.setattr(eye_module, "ScreenDetector", detector)
-        monkeypatch.setattr(eye_module, "luminance", lambda screen: screen)
-        monkeypatch.setattr(eye_module, "shrink", lambda screen: screen)
+        monkeypatch.setattr(sight_check, "luminance", lambda screen: screen)
+        monkeypatch.setattr(sight_check, "shrink", lambda screen: screen)
+        monkeypatch.setattr(sight_check, "_PERIOD", 1)
         self.eye = Eye(robot, game, "camera")
         self.eye.begin_game()
 

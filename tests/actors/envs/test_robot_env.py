@@ -11,13 +11,14 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.utils.seeding import np_random
 from numpy.typing import NDArray
 
+from actors.envs import sight_check
 from actors.envs.emulator import Emulator
 from actors.envs.observation import shrink
 from actors.envs.robot import RobotEnv
 from ale_robot.environments import env_id
 from common.actions import KEYS_OF_ACTION, Keys
 from common.errors import InputError
-from common.settings.conditions import PlayConfig
+from common.settings.conditions import CameraConfig, PlayConfig
 from tests.actors.envs.narrowed import frames_of, nao_of
 from tests.actors.envs.sticky_reference import StickyActions
 
@@ -137,6 +138,13 @@ def test_a_camera_that_freezes_is_told(env: RobotEnv, monkeypatch: pytest.Monkey
     assert np.mean([info["frame_follows"] for info in again]) > 0.9
 
 
+def test_a_camera_that_loses_pictures_on_purpose_is_not_judged() -> None:
+    env = RobotEnv("pong", camera=CameraConfig(dropped=0.8))
+    env.reset(seed=1)
+    assert all(env.step(step % 6)[4]["frame_follows"] for step in range(40))
+    env.close()
+
+
 def test_a_picture_that_does_not_change_is_no_fault_while_the_game_stands_still(
     env: RobotEnv, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -147,20 +155,28 @@ def test_a_picture_that_does_not_change_is_no_fault_while_the_game_stands_still(
     assert all(env.step(0)[4]["frame_follows"] for _ in range(5))
 
 
+@pytest.mark.parametrize("camera", [CameraConfig(), CameraConfig(glare=0.3, noise=8.0)])
 def test_a_black_game_within_its_border_is_not_seen(
-    env: RobotEnv, monkeypatch: pytest.MonkeyPatch
+    camera: CameraConfig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    env = RobotEnv("pong", camera=camera)
     env.reset(seed=1)
     rows, columns = env.emulator.screen_shape
     black = np.zeros((rows, columns, 3), np.uint8)
-    assert env.step(0)[4]["valid_frame"]
+
+    def valid() -> bool:
+        """After as many steps as the check needs."""
+        return bool([env.step(0)[4]["valid_frame"] for _ in range(sight_check._PERIOD)][-1])
+
+    assert valid()
     with monkeypatch.context() as dark:
         take = env.robot.camera_picture
         dark.setattr(env.robot, "camera_picture", lambda screen, passed: take(black, passed))
-        assert not env.step(0)[4]["valid_frame"]
+        assert not valid()
         dark.setattr(env.emulator, "screen_rgb", lambda: black)
-        assert env.step(0)[4]["valid_frame"]  # the game itself shows nothing
-    assert env.step(0)[4]["valid_frame"]
+        assert valid()  # the game itself shows nothing
+    assert valid()
+    env.close()
 
 
 @pytest.mark.parametrize(("most", "over"), [(300, False), (2_000, True)])

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from actors.envs.emulator import Emulator
 from actors.envs.observation import shrink
 from actors.vision.layout import ASPECT, BORDER
-from actors.vision.screen_detector import ScreenDetector, is_blank
+from actors.vision.screen_detector import ScreenDetector
 
 _WIDTH, _HEIGHT = 320, 240
 _FOCAL = _WIDTH / 2 / np.tan(np.radians(60.97 / 2))  # NAO's camera
@@ -362,13 +362,3 @@ def test_a_moved_camera_is_followed(screens: Screens) -> None:
         assert detection.valid
         assert _error(detection.corners, pose) <= 1.5
         assert np.corrcoef(detection.frame.ravel(), new.frame.ravel())[0, 1] > 0.99
-
-
-def test_a_frame_of_one_grey_and_noise_is_blank() -> None:
-    frame = np.full((84, 84), 100, np.uint8)
-    assert is_blank(frame)
-    noise = 8 * np.random.default_rng(10).standard_normal(frame.shape)
-    assert is_blank((frame + noise).round().astype(np.uint8))
-    for difference, blank in ((2, True), (4, False)):  # deviations of 1 and 2
-        frame[:, 42:] = 100 + difference
-        assert is_blank(frame) == blank

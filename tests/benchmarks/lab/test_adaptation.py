@@ -120,7 +120,7 @@ def test_report(
     assert [content[name]["mean"] for name in ("own", "before", "after")] == [20.5, -20.0, 19.0]
     assert content["steps_to_own"] == 1_500  # the first at 18.5 or more
     assert [point["minutes"] for point in content["curve"]] == [2.0, 4.0, 6.0, 8.0]
-    assert "after 1,500 training steps and 6 minutes" in capsys.readouterr().out
+    assert "from 1,500 training steps and 6 minutes on it was within" in capsys.readouterr().out
 
 
 def test_a_policy_that_never_plays_as_before_is_told(
@@ -128,7 +128,26 @@ def test_a_policy_that_never_plays_as_before_is_told(
 ) -> None:
     content = adapt(Lab([30.0, -20.0, 19.0]), monkeypatch, tmp_path)
     assert content["steps_to_own"] is None
-    assert "did not come within two points" in capsys.readouterr().out
+    assert "did not come to stay within two points" in capsys.readouterr().out
+
+
+def test_a_good_epoch_is_nothing_if_the_last_weights_do_not_play_so(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    assert adapt(Lab([20.5, -20.0, 18.4]), monkeypatch, tmp_path)["steps_to_own"] is None
+
+
+def test_settings_with_which_nothing_can_train_are_refused_before_any_game(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Those of the network's training go on, with their ranges."""
+    lab = Lab([])
+    network = str(POLICIES / "robot_pong_robust.safetensors")
+    arguments = [network, "--to=--play.actuation-latency 30", "--runs", str(tmp_path)]
+    monkeypatch.setattr(adaptation, "evaluate", lab.evaluate)
+    with pytest.raises(InputError, match=r"--play\.actuation-latency is 42: choose at most 36"):
+        run("lab.adaptation", adaptation.Options, adaptation.measure, arguments)
+    assert not lab.played
 
 
 def test_a_network_of_unknown_settings_is_refused(tmp_path: Path) -> None:

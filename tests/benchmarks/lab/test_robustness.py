@@ -18,6 +18,7 @@ from common.errors import InputError
 from common.settings.config import RunConfig
 from common.settings.ranges import RandomiseConfig
 from learner.evaluation.__main__ import Evaluation
+from tests.actors.robots.latency_model.models import drawn, saved
 from tests.paths import ROOT
 
 POLICY = ROOT / "policies" / "robot_pong_pixels.safetensors"
@@ -56,7 +57,7 @@ class Games:
     def __call__(
         self, network: Path, games: int, epsilon: float, flags: Sequence[str]
     ) -> dict[str, Any]:
-        assert (network, games, epsilon) == (self.network, 3, 0.001)
+        assert network == self.network
         if not self.left:
             raise KeyboardInterrupt
         self.left -= 1
@@ -240,8 +241,13 @@ def test_other_settings_may_be_given_for_all_cells(games: Games, tmp_path: Path)
             grid(tmp_path / "refused.json", f"--flags={own}")
     with pytest.raises(InputError, match=r"^--flags is \"'\" \(No closing quotation\): quote it"):
         grid(tmp_path / "refused.json", "--flags='")
-    with pytest.raises(InputError, match=r"whole grid .*--robot, --flags\.$"):
+    with pytest.raises(InputError, match=r"whole grid .*--robot, --flags"):
         grid(tmp_path / "card.json", "--card", "--flags=--play.equal-latency 17")
+
+
+def test_a_card_is_told_no_grid_with_more_random_actions(games: Games, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"whole grid .*--flags, --epsilon\.$"):
+        grid(tmp_path / "card.json", "--card", "--epsilon", "0.05")
 
 
 @pytest.mark.parametrize(
@@ -249,6 +255,8 @@ def test_other_settings_may_be_given_for_all_cells(games: Games, tmp_path: Path)
     [
         ("--sticky", "0.5"),
         ("--seed", "2"),
+        ("--games", "4"),
+        ("--epsilon", "0.05"),
         ("--robot", "robotroller"),
         ("--flags=--play.equal-latency 17",),
     ],
@@ -266,10 +274,45 @@ def test_a_file_of_another_grid_is_refused(
     grid(tmp_path / "other.json", *one, *other)
     with pytest.raises(InputError, match="holds no grid of this network"):
         grid(tmp_path / "other.json", *one)
+    for cells in (3, [{"optics": "nominal", "latency": 0}], ["nominal"]):
+        file.write_text(json.dumps(json.loads(before) | {"cells": cells}))
+        with pytest.raises(InputError, match="holds no cells of a grid"):
+            grid(file, *one)
     for junk in (b"[]", b"{}", b"no JSON"):  # of no benchmark at all
         file.write_bytes(junk)
         with pytest.raises(InputError, match="holds no earlier results"):
             grid(file, *one)
+
+
+def test_a_grid_of_another_network_of_the_same_name_is_refused(
+    games: Games, tmp_path: Path
+) -> None:
+    games.network = Path(shutil.copy(POLICY, tmp_path / "p.safetensors"))
+    shutil.copy(POLICY.with_suffix(".json"), tmp_path / "p.json")
+    file, one = tmp_path / "grid.json", ("--latencies", "0", "--optics", "nominal")
+    grid(file, *one, network=games.network)
+    shutil.copy(POLICY.with_stem("robot_pong_pixels_safe"), games.network)
+    with pytest.raises(InputError, match="holds no grid of this network"):
+        grid(file, *one, network=games.network)
+
+
+@pytest.mark.parametrize(
+    "flags",
+    [
+        ["--robot", "{}"],
+        ["--flags=--play.equal-latency 17 --play.hands-model {}"],
+    ],
+)
+def test_a_grid_by_another_model_in_the_same_file_is_refused(
+    flags: list[str], games: Games, tmp_path: Path
+) -> None:
+    model, file = tmp_path / "hands.npz", tmp_path / "grid.json"
+    one = ["--latencies", "0", "--optics", "nominal", *(flag.format(model) for flag in flags)]
+    saved(model, drawn(8, 1))
+    grid(file, *one)
+    saved(model, drawn(8, 2))
+    with pytest.raises(InputError, match="holds no grid of this network"):
+        grid(file, *one)
 
 
 @pytest.mark.usefixtures("forks")

@@ -2,6 +2,7 @@
 
 import errno
 import gc
+import hashlib
 import io
 import json
 import os
@@ -22,6 +23,7 @@ from common.registry import ENVIRONMENTS, Environment
 from common.settings.clock import ClockConfig
 from common.settings.config import RunConfig
 from common.settings.presets import PRESETS
+from common.settings.ranges import all_ranges
 from learner.evaluation import offline
 from learner.evaluation.offline import evaluate, play
 from learner.evaluation.options import EvaluationOptions
@@ -33,7 +35,8 @@ PLAYS = """
 import json, sys
 told = dict(zip(sys.argv[3::2], sys.argv[4::2]))
 for game in range(int(told["--games"])):
-    print(json.dumps({name: told[name] for name in ("--seed", "--steps", "--epsilon")}), flush=True)
+    seen = {name: told[name] for name in ("--seed", "--steps", "--epsilon")}
+    print(json.dumps({**seen, "steps": 50}), flush=True)
 """
 
 
@@ -166,9 +169,9 @@ def test_a_stop_ends_every_process(
 
 
 GAME = {
-    "score": 3.0, "steps": 50, "matched": 40, "valid": 50, "decisions": 80, "missed_deadlines": 4,
-    "late_frames": 7, "key_times": [0] * 119 + [1], "game_seconds": 5.3, "wall_seconds": 2.0,
-    "game_hash": "1", "ending_hash": "2",
+    "score": 3.0, "steps": 50, "matched": 40, "valid": 50, "follows": 50, "decisions": 80,
+    "missed_deadlines": 4, "late_frames": 7, "key_times": [0] * 119 + [1], "game_seconds": 5.3,
+    "wall_seconds": 2.0, "game_hash": "1", "ending_hash": "2",
 }  # fmt: skip
 TELLS_ITS_CHANCES = f"""
 import json, sys
@@ -213,6 +216,34 @@ def test_a_stop_shows_the_measures_whose_games_are_all_there(
     assert said == "stopped after 2 games"
 
 
+@pytest.mark.parametrize(("steps", "whole"), [(300, True), (301, False)])
+def test_a_stop_before_all_test_steps_is_one_even_if_there_are_games_enough(
+    steps: int, whole: bool, program: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Games that end first are defeats. Two processes have to play half of the steps each."""
+    write(
+        program,
+        f"import sys, time\nfor game in range(3): print({json.dumps(GAME)!r}, flush=True)\n"
+        "if int(sys.argv[sys.argv.index('--steps') + 1]) > 150: time.sleep(600)\n",
+    )
+    stop = threading.Event()
+    played = offline.play
+
+    def stopping(*told: Any) -> Any:
+        for number, game in enumerate(played(*told), 1):
+            if number == 6:
+                stop.set()
+            yield game
+
+    monkeypatch.setattr("learner.evaluation.offline.play", stopping)
+    console = Console(file=io.StringIO(), width=120, record=True)
+    file = tmp_path / "games.json"
+    options = EvaluationOptions(games=2, processes=2, test_steps=steps, json=file)
+    found = evaluate(program, options, CONFIG, ClockConfig(), stop, console)
+    assert (found is not None, file.exists()) == (whole, whole)
+    assert (found is None) == ("stopped after 6 games" in console.export_text())
+
+
 def test_a_stop_tells_the_scores_of_a_measure_that_is_not_whole(
     program: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -223,6 +254,7 @@ def test_a_stop_tells_the_scores_of_a_measure_that_is_not_whole(
         yield {"score": 3.0}
         yield {"score": -21.0}
         stop.set()
+        raise offline.Stopped
 
     monkeypatch.setattr("learner.evaluation.offline.play", stopping)
     console = Console(file=io.StringIO(), width=120, record=True)
@@ -236,6 +268,15 @@ def test_a_score_of_a_robot_that_did_not_see_is_told_as_such(program: Path, vali
     _, shown = evaluated(program, EvaluationOptions(games=2, processes=2), CONFIG, None)
     told = "The screen was found in 98.0 % of the frames only: what was not seen cannot be played."
     assert (told in shown) == (valid < 50)
+    assert "did not change as the game did" not in shown
+
+
+@pytest.mark.parametrize("follows", [24, 25])
+def test_a_score_of_a_camera_that_stopped_is_told_as_such(program: Path, follows: int) -> None:
+    write(program, f"print({json.dumps(GAME | {'follows': follows})!r}, flush=True)")
+    found, shown = evaluated(program, EvaluationOptions(games=2, processes=2), CONFIG, None)
+    assert found["following_frame_share"] == follows / 50
+    assert ("The frames mostly did not change as the game did" in shown) == (follows < 25)
 
 
 def test_results_are_printed_and_written(
@@ -257,6 +298,7 @@ def test_results_are_printed_and_written(
     assert (told["epsilon"], told["sticky"], told["changed"]) == (0.001, 0.0, [])
     assert told["press_ms"]["p50"] is None  # JSON has no infinity
     assert told["versions"]["python"]
+    assert told["sha256"] == hashlib.sha256(program.read_bytes()).hexdigest()
     assert "interquartile mean" in shown
     assert shown.endswith(f"\nwrote {file}\n")
     # Without a terminal there are lines instead of a bar.
@@ -336,12 +378,16 @@ def test_what_a_headline_would_override_is_refused(program: Path) -> None:
         sticky = replace(CONFIG, play=replace(CONFIG.play, sticky=0.1))
         with pytest.raises(InputError, match=r"omit --play\.sticky"):
             evaluated(program, EvaluationOptions(headline=True), sticky, trained)
+    drawn = replace(CONFIG, randomise=all_ranges("ale"))
+    with pytest.raises(InputError, match=r"give --randomise\.sticky 0"):
+        evaluated(program, EvaluationOptions(headline=True), drawn, CONFIG)
 
 
 @pytest.mark.parametrize(
     ("options", "words"),
     [
         (EvaluationOptions(games=0), "--games is 0: choose 1 or more"),
+        (EvaluationOptions(games=10**7), "--games is 10000000: choose at most 1000000"),
         (EvaluationOptions(test_steps=-1), "--test-steps is -1: choose 0 or more"),
         (EvaluationOptions(processes=-1), "--processes is -1: choose 0 or more"),
         (EvaluationOptions(epsilon=1.5), "--epsilon is 1.5: choose at most 1"),

@@ -39,6 +39,17 @@ def test_a_file_that_is_not_the_runs_is_refused(tmp_path: Path) -> None:
         read_weights(name)
 
 
+def test_an_archive_of_many_members_or_odd_names_is_told_in_a_few_words(tmp_path: Path) -> None:
+    for names in ([f"{number}.npy" for number in range(5_000)], ["a\x1b[31m\nline.npy"]):
+        with zipfile.ZipFile(tmp_path / "m.npz", "w") as archive:
+            for name in names:
+                archive.writestr(name, b"")
+        with pytest.raises(InputError, match=r"m\.npz holds no latency model") as error:
+            read_weights(str(tmp_path / "m.npz"))
+        assert len(f"{error.value}") < 400
+        assert f"{error.value}".isprintable()
+
+
 def changed(**arrays: object) -> Arrays:
     return {**drawn(3, 1), **arrays}  # type: ignore[dict-item]
 
@@ -60,8 +71,8 @@ WRONG: list[tuple[Arrays, str]] = [
     (changed(fc_weight=np.full((3, 1080), np.inf)), r"fc_weight holds a .* not within ±1e\+09"),
     (changed(fc_bias=np.full(3, -1.1e9)), "fc_bias holds a number that is not within"),
     (changed(pred_bias=np.array([{}] * 18, object)), "allow_pickle"),
-    ({"fc_weight": drawn(3, 1)["fc_weight"]}, "its members are fc_weight.npy"),
-    (changed(rate=np.zeros(1)), "its members are .*rate.npy"),
+    ({"fc_weight": drawn(3, 1)["fc_weight"]}, "its members are 'fc_weight.npy'"),
+    (changed(rate=np.zeros(1)), "its members are .*'rate.npy'"),
 ]
 
 
