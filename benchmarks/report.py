@@ -37,7 +37,8 @@ class BenchmarkOptions:
     """The flags that every benchmark has."""
 
     json: Path | None = None
-    """File for the results, as JSON; earlier results in it are replaced."""
+    """File for the results, as JSON. Earlier results in it are replaced, unless the experiment goes
+    on with them."""
 
     def check(self) -> None:
         """Refuses what the bounds beside the fields cannot, such as a missing folder.

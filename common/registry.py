@@ -26,7 +26,7 @@ from common.errors import InputError, choice
 from common.games import MINIMAL_ACTIONS, check_game
 from common.pinned_file import path_of
 from common.proprioception import vector_width
-from common.settings.conditions import SETTINGS_OF_A_ROBOT, LatencyModelSettings, PlayConfig
+from common.settings.conditions import OF_A_ROBOT, LatencyModelSettings, PlayConfig, marked
 
 if TYPE_CHECKING:
     from common.settings.config import LearningConfig, PresetName, RunConfig
@@ -245,7 +245,7 @@ ENVIRONMENTS = Registry(
         "ale",
         "actors.envs.ale:AtariEnv.of_run",
         _atari_actions,
-        ignores=SETTINGS_OF_A_ROBOT,
+        ignores=marked(OF_A_ROBOT),
         title="ALE-Only",
         atari=True,
     ),

@@ -19,8 +19,8 @@ from actors.robots.room.furniture import PICTURE_CORNERS
 from actors.robots.room.room import Room
 from actors.robots.room.scene import DrawnShape
 from actors.robots.room.viewpoint import VISITOR
+from actors.vision.field_of_view import HEIGHT_ANGLE, WIDTH_ANGLE
 from actors.vision.layout import BORDER, border_of
-from actors.vision.optics import HEIGHT_ANGLE, WIDTH_ANGLE
 from common.actions import KEYS_OF_ACTION, Keys
 from common.atomic_file import check_new_file
 from common.errors import InputError

@@ -90,7 +90,7 @@ class AtariEnv(GameEnv):
             if camera != PERFECT_CAMERA:
                 self._camera = FrameCamera(camera)
                 self._camera.begin_game(self.np_random)
-                self._time_eye(self._camera.latency)
+                self._time_eye(self._camera.measure_latency)
         self._frames.restart(self._frame(0))
         return self._observation(), StepInfo(*self._game.standing, elapsed=0)._asdict()
 

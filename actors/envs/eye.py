@@ -56,7 +56,7 @@ class Eye:
         self._unseen = self._now = 0
         self._shown.clear()
 
-    def latency(self, rng: Generator) -> int:
+    def measure_latency(self, rng: Generator) -> int:
         """Returns the latency of the pictures in agent steps, as `eye_latency` measures it; 0 if
         frames are the emulator's own. The robot begins its game anew by ``rng``, so that no picture
         of the test is left."""

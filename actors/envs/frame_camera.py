@@ -43,7 +43,7 @@ class FrameCamera:
         """Forgets all pictures; ``rng`` seeds the game's noise and losses."""
         self._sensor.begin_game(rng)
 
-    def latency(self, rng: Generator) -> int:
+    def measure_latency(self, rng: Generator) -> int:
         """Returns the latency of the frames in agent steps, as `eye_latency` measures it. The game
         begins anew by ``rng``, so that no frame of the test is left."""
         found = eye_latency(partial(self.take, agent_steps=1), (_ROWS, _COLUMNS))

@@ -6,14 +6,10 @@ alike. The time that the hands themselves need comes on top.
 
 from collections import deque
 
-import numpy as np
 from numpy.random import Generator
 
-from actors.envs.key_watch import KeyWatch, WatchedHands
-from actors.envs.modelled_hand import ModelledHand
 from actors.robots.interface import Hands
 from common.actions import Keys
-from common.settings.conditions import PlayConfig
 
 
 class LateCommands:
@@ -52,25 +48,3 @@ class LateCommands:
         self._waiting: deque[tuple[int, Keys]] = deque()
         """Commands in order, each with the frame from which on it is due."""
         self._frame = 0
-
-
-def hands_of(
-    play: PlayConfig, arms: Hands | None, rng: Generator, watch: KeyWatch | None = None
-) -> Hands:
-    """Returns the hands that ``play`` asks for, with their latency.
-
-    Args:
-        arms: the robot, or a latency model. Without either (None), the hand is `ModelledHand`.
-        rng: seeds the jitter; used only if there is jitter.
-        watch: times the hands and is told of each command that reaches them.
-    """
-    latency, jitter = play.actuation_latency, play.actuation_jitter
-    hands = arms
-    if hands is None or play.hand == "model":
-        hands = ModelledHand(play)
-    if watch is not None:
-        hands = WatchedHands(hands, watch)
-    if latency == jitter == 0:
-        return hands
-    own = np.random.default_rng(rng.integers(2**63) if jitter else 0)
-    return LateCommands(hands, latency, jitter, own)

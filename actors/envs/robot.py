@@ -74,6 +74,11 @@ class RobotEnv(GameEnv):
         self.robot: Robot = ROBOTS.make(play.robot, console.emulator.screen_shape, camera, play)
         """The robot and everything around it."""
         try:
+            if (found := len(self.robot.proprioception()[0])) != joints:
+                raise InputError(
+                    f"the robot {play.robot!r} has {found} joints, and its `RobotKind` declares "
+                    f"{joints}: mend that."
+                )
             world = World(self.robot, console, play, joints, self.robot.proprioception)
         except InputError:  # such as of a damaged model of the hands
             self.robot.close()
@@ -134,7 +139,7 @@ class RobotEnv(GameEnv):
             self.robot.begin_game(self.conditions, self.np_random)
             self._world.begin_game(self.conditions.play, self.np_random)
             self._eye.begin_game()
-            self._time_eye(self._eye.latency)
+            self._time_eye(self._eye.measure_latency)
             self._play_random_start()
             self._world.key_watch.disregard()  # no policy gave the commands of the random start
         self._frames.restart(self._eye.look(0))

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from actors.envs.command_plan import CommandPlan
 from actors.envs.game import AtariGame
+from actors.envs.hands import hands_of
 from actors.envs.key_watch import KeyWatch
-from actors.envs.late_commands import hands_of
 from actors.envs.latency_equaliser import LatencyEqualiser
 from actors.envs.proprioception import Proprioception
 from actors.robots.interface import Hands
@@ -51,7 +51,7 @@ class World:
 
     def __init__(
         self,
-        arms: Hands | None,
+        own: Hands | None,
         game: AtariGame,
         play: PlayConfig,
         joints: int = 0,
@@ -60,7 +60,7 @@ class World:
         """Takes the hands that ``play`` asks for, at rest.
 
         Args:
-            arms: the robot, or a latency model; None if there is neither.
+            own: the robot, or a latency model; None if there is neither.
             joints: number of the robot's joints; 0 without a robot.
             posture: returns their angles and speeds, as `Robot.proprioception`.
         """
@@ -70,7 +70,7 @@ class World:
         """The keys that the game got at the last frame."""
         self.key_watch = KeyWatch()
         """Times the hands, whenever the controller is read."""
-        self._arms = arms
+        self._own = own
         self._posture = posture
         self._plan = CommandPlan.of_play(play)
         self._take_hands(play, np.random.default_rng(0))
@@ -147,7 +147,7 @@ class World:
         return agent_step
 
     def _take_hands(self, play: PlayConfig, rng: Generator) -> None:
-        self._hands: Hands = hands_of(play, self._arms, rng, self.key_watch)
+        self._hands: Hands = hands_of(play, self._own, rng, self.key_watch)
         self._equaliser: LatencyEqualiser | None = None
         if play.equal_latency:
             self._hands = self._equaliser = LatencyEqualiser(

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from actors.vision.edges import refine
+from actors.vision.field_of_view import WIDTH_ANGLE
 from actors.vision.layout import ASPECT, GAME_IN_PICTURE
 from actors.vision.lens import Lens
-from actors.vision.optics import WIDTH_ANGLE
 from actors.vision.pinhole import PinholeView
 from actors.vision.quad import dark_quads
 from actors.vision.screen import Screen, homography_to

@@ -14,7 +14,7 @@ from annotated_types import Ge, Le, MinLen
 from numpy.typing import NDArray
 
 from actors.envs.command_plan import CommandPlan
-from actors.envs.late_commands import hands_of
+from actors.envs.hands import hands_of
 from actors.envs.latency_equaliser import LatencyEqualiser
 from actors.robots.interface import Hands
 from actors.robots.latency import hold

@@ -31,15 +31,15 @@ _POSE_LOW, _POSE_HIGH = (-0.9, -0.31, -1.2, -1.2), (-0.1, 0.0, 0.6, -0.1)
 
 
 @dataclass(frozen=True)
-class Eye:
+class FaultyCamera:
     """A camera with its faults, and the ranges of what differs from pose to pose."""
 
     camera: CameraConfig = PERFECT_CAMERA
     changes: RandomiseConfig = NOTHING_DRAWN
 
 
-PERFECT = Eye()
-FAULTS = Eye(
+PERFECT = FaultyCamera()
+FAULTS = FaultyCamera(
     CameraConfig(noise=8.0, blur=1.0, distortion=0.06, ambient=0.15),
     RandomiseConfig(exposure=0.3, colour=0.2, gamma=1.6, glare=0.4, screen_tilt=5.0),
 )
@@ -51,7 +51,7 @@ class Case:
     """An eye, and when, if at all, an arm is raised in front of the screen."""
 
     name: str
-    eye: Eye = PERFECT
+    eye: FaultyCamera = PERFECT
     arm: Literal["never", "later", "before"] = "never"
 
 
@@ -163,7 +163,7 @@ def corners_in(room: Nao) -> NDArray[np.float64]:
     )
 
 
-def begin_game(room: Nao, eye: Eye, poses: RandomiseConfig, rng: Generator) -> None:
+def begin_game(room: Nao, eye: FaultyCamera, poses: RandomiseConfig, rng: Generator) -> None:
     """Puts the robot's hands at rest, and its ``eye`` in one of ``poses``."""
     ranges = replace(eye.changes, head_pose=poses.head_pose, screen_distance=poses.screen_distance)
     room.begin_game(draw(PlayConfig(), eye.camera, ranges, rng.random), rng)

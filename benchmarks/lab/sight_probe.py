@@ -16,7 +16,7 @@ from actors.envs.emulator import Emulator
 from actors.envs.observation import shrink
 from actors.robots.nao.robot import Nao
 from actors.vision.screen_detector import ScreenDetector
-from benchmarks.lab.sight_poses import Eye, begin_game
+from benchmarks.lab.sight_poses import FaultyCamera, begin_game
 from common.settings.ranges import NOTHING_DRAWN
 
 QUANTITIES = {"own paddle's y": 51, "other paddle's y": 50, "ball's x": 49, "ball's y": 54}
@@ -50,7 +50,7 @@ class Frames:
     """True `QUANTITIES`, ``float64 [N, 4]``."""
 
 
-def collect(count: int, eye: Eye, seed: int) -> Frames:
+def collect(count: int, eye: FaultyCamera, seed: int) -> Frames:
     """Takes ``count`` pictures of play; returns those with the ball in play and a valid frame.
 
     The paddle follows the ball, with random actions in between. Random play alone would lose nearly

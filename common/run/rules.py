@@ -13,8 +13,11 @@ from common.registry import ENVIRONMENTS, foreign
 from common.settings.conditions import (
     DEFAULT_PLAY,
     FRAMES_PER_SECOND,
+    OF_ARMS,
+    OF_MODELLED_HANDS,
     CameraConfig,
     LatencyModelSettings,
+    marked,
 )
 from common.settings.config import RunConfig
 from common.settings.fit import VECTOR_PARTS
@@ -23,9 +26,9 @@ from common.settings.ranges import DRAWN, check_ranges, ignored_in
 from common.settings.stored_config import from_mapping
 
 _DEFAULTS = RunConfig()
-_OF_MODELLED_HANDS = ["play.press_latency"]
-_OF_ARMS = ["play.arm_speed", "play.key_threshold"]
-_OF_A_ROBOT = ["play.hand", "play.eye"]
+_OF_MODELLED_HANDS = marked(OF_MODELLED_HANDS)
+_OF_ARMS = marked(OF_ARMS)
+_HANDS_AND_EYE = ["play.hand", "play.eye"]
 _OF_A_CAMERA = [f"camera.{field.name}" for field in fields(CameraConfig)]
 _OF_ALL_RANGES = {f"randomise.{name}": how.most for name, how in DRAWN.items()}
 """Ranges of ``--randomise.all``, which gives all of them whatever the hands and the eye."""
@@ -73,7 +76,7 @@ def check_chosen(before: RunConfig, config: RunConfig) -> None:
         (robot and modelled, _OF_ARMS, "without arms: give play.hand arm too"),
         (bool(play.latency_model), _OF_ARMS, "to a latency model: choose another play.robot"),
         (robot and play.eye == "emulator", _OF_A_CAMERA, "without a camera: give play.eye camera"),
-        (not robot, _OF_A_ROBOT, "without a robot: choose env robot"),
+        (not robot, _HANDS_AND_EYE, "without a robot: choose env robot"),
     ):
         for name in _with_ranges(names) if unused else ():
             value, usual, off = (attrgetter(name)(each) for each in (config, before, _DEFAULTS))

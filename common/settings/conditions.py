@@ -30,6 +30,10 @@ MAX_HISTORY = 60
 
 OF_A_ROBOT: Final = "of a robot"
 """Marks a setting of arms, colours or poses, which the emulator's grey picture does not have."""
+OF_ARMS: Final = "of arms"
+"""Marks a setting of a robot's arms, which a model of hands does not have."""
+OF_MODELLED_HANDS: Final = "of modelled hands"
+"""Marks a setting of the model of hands, which arms do not have."""
 
 Latency = Annotated[int, Ge(0), Le(60)]
 AddedLatency = Annotated[int, Ge(0), Le(MAX_ADDED)]
@@ -97,7 +101,7 @@ class PlayConfig:
     hand: Literal["arm", "model"] = "arm"
     """Actuator of a robot's keys: its arms, or a model with --play.press-latency. The emulator
     alone always uses the model."""
-    press_latency: Latency = 0
+    press_latency: Annotated[Latency, OF_MODELLED_HANDS] = 0
     """Time until the modelled hand presses the keys of a new command, emulator frames; it releases
     the keys of the previous command at once."""
     actuation_latency: AddedLatency = 0
@@ -117,10 +121,10 @@ class PlayConfig:
     """File of a latency model of the hands, by which --play.equal-latency plans each command ahead,
     in the format of --robot FILE.npz; it takes 60 commands a second. Without one, each key gets its
     command as soon as its own latency asks for."""
-    arm_speed: Annotated[float, Ge(0.25), Le(1.1), OF_A_ROBOT] = 1.0
+    arm_speed: Annotated[float, Ge(0.25), Le(1.1), OF_A_ROBOT, OF_ARMS] = 1.0
     """Maximum speed of the arms' joints, relative to the usual maximum, which is 0.9 of the
     published speed."""
-    key_threshold: Annotated[float, Ge(0.5), Le(1.4), OF_A_ROBOT] = 1.0
+    key_threshold: Annotated[float, Ge(0.5), Le(1.4), OF_A_ROBOT, OF_ARMS] = 1.0
     """Depths at which a key counts as pressed and as released, relative to the usual ones."""
 
     @property
@@ -182,13 +186,15 @@ DEFAULT_PLAY = PlayConfig()
 PERFECT_CAMERA = CameraConfig()
 """A camera without faults, at its usual place."""
 
-SETTINGS_OF_A_ROBOT = tuple(
-    f"{group}.{name}"
-    for group, kind in {"play": PlayConfig, "camera": CameraConfig}.items()
-    for name, hint in get_type_hints(kind, include_extras=True).items()
-    if OF_A_ROBOT in getattr(hint, "__metadata__", ())
-)
-"""Full names of the settings that have this mark."""
+
+def marked(mark: str) -> tuple[str, ...]:
+    """Returns the full names of the settings that have this mark."""
+    return tuple(
+        f"{group}.{name}"
+        for group, kind in {"play": PlayConfig, "camera": CameraConfig}.items()
+        for name, hint in get_type_hints(kind, include_extras=True).items()
+        if mark in getattr(hint, "__metadata__", ())
+    )
 
 
 class Conditions(NamedTuple):

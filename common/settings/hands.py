@@ -5,6 +5,7 @@ from dataclasses import replace
 from common.registry import ENVIRONMENTS, ROBOTS
 from common.settings.conditions import PlayConfig
 from common.settings.config import RunConfig
+from common.settings.ranges import draw
 
 _PRESS_FRAMES = 4
 """Emulator frames within which the arms nearly always press the commanded keys, p99 of
@@ -15,13 +16,9 @@ def latest_play(config: RunConfig) -> PlayConfig:
     """Returns the settings of play as they take effect, with the longest latencies that may be
     drawn."""
     arms = config.play.hand == "arm" and ENVIRONMENTS.find(config.env).robot
-    return replace(
-        config.play,
-        hand="arm" if arms else "model",  # the emulator alone always has the model
-        press_latency=config.play.press_latency + config.randomise.press_latency,
-        actuation_latency=config.play.actuation_latency + config.randomise.latency,
-        actuation_jitter=config.play.actuation_jitter + config.randomise.jitter,
-    )
+    drawn = draw(config.play, config.camera, config.randomise, lambda: 1.0)
+    # The emulator alone always has the model.
+    return replace(drawn.play, hand="arm" if arms else "model")
 
 
 def keys_can_follow(play: PlayConfig) -> bool:

@@ -122,6 +122,13 @@ def test_its_keys_play_the_game() -> None:
         assert env.robot.closed == 1
 
 
+def test_a_robot_that_declares_other_joints_than_it_has_is_refused() -> None:
+    with added(ROBOTS, replace(FINGER, joints=2)):
+        told = "the robot 'finger' has 1 joints, and its `RobotKind` declares 2: mend that"
+        with pytest.raises(InputError, match=told):
+            make_env(config(), ClockConfig(), training=True)
+
+
 @pytest.mark.parametrize("hand", ["arm", "model"])
 def test_a_robot_from_outside_is_learned_with(
     tmp_path: Path, hand: Literal["arm", "model"]

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from actors.robots.room.rotation import Vector, about
-from actors.vision.optics import HEIGHT_ANGLE, WIDTH_ANGLE
+from actors.vision.field_of_view import HEIGHT_ANGLE, WIDTH_ANGLE
 from actors.vision.window import Window
 
 CAMERA_SIZE = (320, 240)

@@ -67,6 +67,8 @@ class Sensor:
         self._tones = _tones(config, coloured=len(shape) == 3)
         # As far as OpenCV's kernel for that deviation reaches.
         self._reach = int(np.rint(6 * config.blur + 1)) // 2 if config.blur > 0 else 0
+        self._develops = self.lens is not None or self._reach > 0 or self._tones is not None
+        """Whether `_develop` changes anything."""
         self._whole: Window = (slice(0, shape[0]), slice(0, shape[1]))
         self._known: _Known | None = None
         self._grain: tuple[NDArray[np.uint8], NDArray[np.uint8]] | None = None
@@ -108,7 +110,7 @@ class Sensor:
         return newest_due(self._late, self._now - config.latency)
 
     def _exposed(self, ideal: NDArray[np.uint8], backdrop: Backdrop | None) -> NDArray[np.uint8]:
-        if self.lens is None and self._reach == 0 and self._tones is None:
+        if not self._develops:
             image = ideal
         elif backdrop is None:
             image = self._develop(ideal, self._whole)

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from actors.envs.hand_timing import key_latencies
-from actors.envs.late_commands import hands_of
+from actors.envs.hands import hands_of
 from common.actions import Keys
 from common.settings.conditions import PlayConfig
 from tests.actors.envs.uneven_hands import UnevenHands

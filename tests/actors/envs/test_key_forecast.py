@@ -7,8 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from actors.envs.ale import AtariEnv
+from actors.envs.hands import hands_of
 from actors.envs.key_forecast import LONGEST, KeyForecast
-from actors.envs.late_commands import hands_of
 from actors.envs.proprioception import Proprioception
 from actors.envs.robot import RobotEnv
 from common.actions import KEYS_OF_ACTION, Keys

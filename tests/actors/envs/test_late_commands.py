@@ -10,7 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from actors.envs.ale import AtariEnv
-from actors.envs.late_commands import LateCommands, hands_of
+from actors.envs.hands import hands_of
+from actors.envs.late_commands import LateCommands
 from actors.envs.robot import RobotEnv
 from actors.robots.interface import Hands
 from actors.robots.nao.robot import Nao

@@ -8,7 +8,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from actors.envs.hand_timing import HandLatency
-from actors.envs.late_commands import hands_of
+from actors.envs.hands import hands_of
 from actors.envs.latency_equaliser import LatencyEqualiser
 from actors.envs.robot import RobotEnv
 from actors.robots.interface import Hands

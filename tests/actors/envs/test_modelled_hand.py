@@ -7,7 +7,7 @@ import pytest
 
 from actors.envs.ale import AtariEnv
 from actors.envs.emulator import Emulator
-from actors.envs.late_commands import hands_of
+from actors.envs.hands import hands_of
 from actors.envs.modelled_hand import ModelledHand
 from actors.envs.observation import shrink
 from actors.envs.robot import RobotEnv

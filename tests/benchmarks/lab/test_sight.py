@@ -15,7 +15,7 @@ from benchmarks.lab.sight_poses import (
     FAULTS,
     PERFECT,
     Case,
-    Eye,
+    FaultyCamera,
     Look,
     Tally,
     cases,
@@ -29,7 +29,7 @@ from common.settings.conditions import CameraConfig
 GAMES = ("pong", "space_invaders", "asteroids")
 
 
-def changed(eye: Eye) -> set[str]:
+def changed(eye: FaultyCamera) -> set[str]:
     """Names of what is not as in a perfect eye."""
     return {
         name
@@ -67,7 +67,9 @@ def test_corners_and_frames_from_random_poses(case: Case) -> None:
 @pytest.mark.parametrize(
     ("eye", "poses", "least"), [(PERFECT, 3, 1.0), (FAULTS, 12, 0.9)], ids=["perfect", "all faults"]
 )
-def test_a_screen_behind_an_arm_is_where_it_was(eye: Eye, poses: int, least: float) -> None:
+def test_a_screen_behind_an_arm_is_where_it_was(
+    eye: FaultyCamera, poses: int, least: float
+) -> None:
     case = Case("an arm rises", eye, "later")
     tallies = measure(case, ("pong", "breakout"), poses, np.random.default_rng(4))
     figures = sum(tallies.values(), Tally()).figures()

@@ -21,7 +21,7 @@ from actors.robots.nao.posture import ARM_JOINTS, HELD_ANGLES, TORSO_ORIGIN
 from actors.robots.nao.robot import Nao
 from actors.robots.nao.shapes import SHAPES
 from actors.robots.room.rotation import about, from_roll_pitch_yaw, to_roll_pitch_yaw
-from actors.vision.optics import HEIGHT_ANGLE, WIDTH_ANGLE
+from actors.vision.field_of_view import HEIGHT_ANGLE, WIDTH_ANGLE
 
 # From the maker's tables: lower, upper, speed, torque.
 PUBLISHED = {
