@@ -85,17 +85,24 @@ def markdown(measurement: Mapping[str, Any], which: str | None = None) -> str:
     return table if which else f"{measurement['title']}\n\n{table}"
 
 
+def _minutes(reached: Mapping[str, Any] | None, unit: str = "") -> str:
+    return f"{reached['seconds'] / 60:.1f}{unit}" if reached else "–"
+
+
 def raced(race: Mapping[str, Any]) -> str:
     """Returns a table of the runs of a race that `benchmarks.lab.race` wrote.
 
-    It has each run's duration, when its training games first had each score, and the scores of its
-    last weights.
+    It has each run's duration, when its training games and its tests first had each score, and the
+    scores of its last weights.
     """
     scores = list(race["runs"][0]["training"])
     names = ["seed", "agent steps", "minutes", "steps/s", *(f"≥ {score}" for score in scores)]
     names += [
-        f"ε = {row['epsilon']:g}" + (f", sticky {row['sticky']:g}" if row["sticky"] else "")
-        for row in race["runs"][0]["headline"]
+        f"tests ≥ {', '.join(scores)}",
+        *(
+            f"ε = {row['epsilon']:g}" + (f", sticky {row['sticky']:g}" if row["sticky"] else "")
+            for row in race["runs"][0]["headline"]
+        ),
     ]
     cells = [
         [
@@ -103,10 +110,8 @@ def raced(race: Mapping[str, Any]) -> str:
             f"{run['agent_steps']:,}",
             f"{run['wall_seconds'] / 60:.1f}",
             f"{run['steps_per_second']:.0f}",
-            *(
-                f"{at['seconds'] / 60:.1f} min" if (at := run["training"][score]) else "–"
-                for score in scores
-            ),
+            *(_minutes(run["training"][score], " min") for score in scores),
+            ", ".join(_minutes(run["test"][score]) for score in scores),
             *(scored(row, 2) for row in run["headline"]),
         ]
         for run in race["runs"]

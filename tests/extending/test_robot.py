@@ -13,6 +13,7 @@ from actors.envs import make_env
 from actors.envs.robot import RobotEnv
 from actors.robots.interface import Robot
 from common.actions import Keys
+from common.errors import InputError
 from common.protocol.live_view import ViewName
 from common.registry import ROBOTS, RobotKind
 from common.settings.clock import ClockConfig
