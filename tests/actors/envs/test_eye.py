@@ -37,8 +37,7 @@ class Scene:
             return SimpleNamespace(detect=lambda picture: Detection(picture, True, None))
 
         monkeypatch.setattr(eye_module, "ScreenDetector", detector)
-        monkeypatch.setattr(sight_check, "luminance", lambda screen: screen)
-        monkeypatch.setattr(sight_check, "shrink", lambda screen: screen)
+        monkeypatch.setattr(sight_check, "frame_of", lambda screen: screen)
         monkeypatch.setattr(sight_check, "_PERIOD", 1)
         self.eye = Eye(robot, game, "camera")
         self.eye.begin_game()

@@ -125,6 +125,7 @@ def test_the_eye_sees_what_the_emulator_shows(env: RobotEnv) -> None:
 
 
 def test_a_camera_that_freezes_is_told(env: RobotEnv, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sight_check, "_PERIOD", 2)
     env.reset(seed=1)
     alive = [env.step(step % 6)[4] for step in range(30)]
     kept = env.seen.copy()

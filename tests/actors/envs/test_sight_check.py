@@ -7,9 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from actors.envs import sight_check
-from actors.envs.observation import shrink
-from actors.envs.phosphor import luminance
-from actors.envs.sight_check import SightCheck, Verdict, compare
+from actors.envs.sight_check import SightCheck, Verdict, compare, frame_of
 
 Frame = NDArray[np.uint8]
 SEEN_AND_FOLLOWED = Verdict(shows=True, follows=True)
@@ -97,12 +95,12 @@ def rgb(frame: Frame) -> Frame:
 
 
 def test_frames_are_compared_by_pairs_of_the_newest_looks() -> None:
-    assert (shrink(luminance(rgb(game(30)))) == game(30)).all()
+    assert (frame_of(rgb(game(30))) == game(30)).all()
     check = SightCheck()
     period = sight_check._PERIOD
 
     def look(number: int, seen: int | None) -> Verdict:
-        check.look(None if seen is None else game(3 * seen), rgb(game(3 * number)))
+        check.look(None if seen is None else game(seen), rgb(game(number)))
         return check.verdict
 
     for number in range(1, 2 * period):
