@@ -30,7 +30,7 @@ _OF_MODELLED_HANDS = marked(OF_MODELLED_HANDS)
 _OF_ARMS = marked(OF_ARMS)
 _HANDS_AND_EYE = ["play.hand", "play.eye"]
 _OF_A_CAMERA = [f"camera.{field.name}" for field in fields(CameraConfig)]
-_OF_ALL_RANGES = {f"randomise.{name}": how.most for name, how in DRAWN.items()}
+_OF_ALL_RANGES = {f"randomise.{name}": how.published for name, how in DRAWN.items()}
 """Ranges of ``--randomise.all``, which gives all of them whatever the hands and the eye."""
 _PLACE_BYTES = 4
 """Size in a message of a frame's place in a state."""

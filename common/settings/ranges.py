@@ -18,45 +18,45 @@ from common.settings.conditions import CameraConfig, Conditions, PlayConfig
 from common.settings.stored_config import from_mapping
 
 Law = Callable[[Any, Any, float], float]
-"""Returns a setting's value in one game, given its usual value, its range, and a uniform number
-from 0 to 1. The extremes are at 0 and 1."""
+"""Returns a setting's value in one game, given its usual value, the width of its range, and a
+uniform number from 0 to 1. The extremes are at 0 and 1."""
 
 
-def _plus(value: float, most: float, share: float) -> float:
-    return value + most * share
+def _plus(value: float, width: float, uniform: float) -> float:
+    return value + width * uniform
 
 
-def _plus_whole(value: int, most: float, share: float) -> int:
+def _plus_whole(value: int, width: float, uniform: float) -> int:
     # If a range ends between two whole numbers, its last one is drawn less often than the others.
-    return value + min(int((most + 1) * share), ceil(most))
+    return value + min(int((width + 1) * uniform), ceil(width))
 
 
-def _less(value: float, most: float, share: float) -> float:
-    return value * (1 - most * share)
+def _less(value: float, width: float, uniform: float) -> float:
+    return value * (1 - width * uniform)
 
 
-def _around(value: float, most: float, share: float) -> float:
-    return value + most * (2 * share - 1)
+def _around(value: float, width: float, uniform: float) -> float:
+    return value + width * (2 * uniform - 1)
 
 
-def _scaled(value: float, most: float, share: float) -> float:
-    return value * (1 + most * (2 * share - 1))
+def _scaled(value: float, width: float, uniform: float) -> float:
+    return value * (1 + width * (2 * uniform - 1))
 
 
-def _multiplied(value: float, most: float, share: float) -> float:
-    return value * float(most ** (2 * share - 1))
+def _multiplied(value: float, width: float, uniform: float) -> float:
+    return value * float(width ** (2 * uniform - 1))
 
 
 class Drawn:
     """How settings are drawn from a range.
 
     Args:
-        most: the range of ``--randomise.all``; docs/conditions.md gives the reason.
+        published: the range of ``--randomise.all``; docs/conditions.md gives the reason.
         settings: the settings that are drawn, such as ``camera.yaw``, each by its own number.
     """
 
-    def __init__(self, law: Law, most: float, *settings: str) -> None:
-        self.law, self.most, self.settings = law, most, settings
+    def __init__(self, law: Law, published: float, *settings: str) -> None:
+        self.law, self.published, self.settings = law, published, settings
 
 
 @dataclass(frozen=True)
@@ -122,7 +122,7 @@ def draw(
     camera: CameraConfig,
     ranges: RandomiseConfig,
     random: Callable[[], float],
-    share: float = 1.0,
+    difficulty: float = 1.0,
 ) -> Conditions:
     """Returns the conditions of one game, drawn around ``play`` and ``camera``.
 
@@ -131,7 +131,7 @@ def draw(
 
     Args:
         random: draws uniformly from 0 to 1, as `numpy.random.Generator.random` does.
-        share: share of the ranges' widths that is used, 0 to 1.
+        difficulty: share of the ranges' widths that is used, 0 to 1.
     """
     if ranges == NOTHING_DRAWN:
         return Conditions(play, camera)
@@ -142,8 +142,8 @@ def draw(
         for setting in how.settings:
             group, field = setting.split(".")
             nothing, whole = getattr(NOTHING_DRAWN, name), getattr(ranges, name)
-            most = nothing + share * (whole - nothing)
-            drawn[group][field] = how.law(getattr(usual[group], field), most, random())
+            width = nothing + difficulty * (whole - nothing)
+            drawn[group][field] = how.law(getattr(usual[group], field), width, random())
     if ranges.glare:
         drawn["camera"] |= {"glare_x": glare_x, "glare_y": glare_y}
     return Conditions(replace(play, **drawn["play"]), replace(camera, **drawn["camera"]))
@@ -165,7 +165,7 @@ def all_ranges(env: str) -> RandomiseConfig:
     """Returns the published ranges, of ``--randomise.all``: all that have an effect in ``env``."""
     ignored = ignored_in(env)
     published: dict[str, Any] = {
-        name: how.most for name, how in DRAWN.items() if f"randomise.{name}" not in ignored
+        name: how.published for name, how in DRAWN.items() if f"randomise.{name}" not in ignored
     }
     return RandomiseConfig(**published)
 

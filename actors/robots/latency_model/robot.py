@@ -13,10 +13,12 @@ class ModelledNao(Nao):
     always gives joints at rest, as with ``play.hand`` "model".
     """
 
-    def __init__(self, game_size: tuple[int, int], camera: CameraConfig, play: PlayConfig) -> None:
+    def __init__(
+        self, screen_shape: tuple[int, int], camera: CameraConfig, play: PlayConfig
+    ) -> None:
         """Raises InputError if the file holds no latency model."""
         self._model = LatencyModel.of_play(play)
-        super().__init__(game_size, camera, play)
+        super().__init__(screen_shape, camera, play)
 
     @property
     def held(self) -> Keys:

@@ -33,20 +33,20 @@ class OwnNao:
     Args:
         path: URDF. Joints are matched by NAO's published names (LShoulderPitch …). The arms' eight
             joints are required; others, where present, get the angles at which ours are held.
-        game_size: rows and columns of the game's picture.
+        screen_shape: rows and columns of the game's picture.
 
     Raises:
         InputError: the file cannot be loaded, shows nothing or lacks joints, or a mesh is missing
             or broken.
     """
 
-    def __init__(self, path: Path, game_size: tuple[int, int]) -> None:
+    def __init__(self, path: Path, screen_shape: tuple[int, int]) -> None:
         self._engine = open_engine()
         with silenced(), tempfile.TemporaryDirectory() as folder:
             self._furniture = Furniture(self._engine, Nao.own_furniture)
             self._controller = Controller(self._engine, Path(folder), DESK_TOP)
             self._body = _load(self._engine, path)
-        self._game_size = game_size
+        self._screen_shape = screen_shape
         self._views = self._new_views()
         self._joints = joints_of(self._engine, self._body, hinges=True)
         if missing := [name for name in _MOVING if name not in self._joints]:
@@ -97,7 +97,7 @@ class OwnNao:
 
     def _new_views(self) -> Views:
         furniture = self._furniture
-        return Views(self._engine, furniture.screen, self._game_size, furniture.picture_corners)
+        return Views(self._engine, furniture.screen, self._screen_shape, furniture.picture_corners)
 
     def close(self) -> None:
         self._engine.disconnect()

@@ -32,11 +32,11 @@ class Projection:
         camera: Camera,
         corners: NDArray[np.float64],
         screen_body: int,
-        game_size: tuple[int, int],
+        screen_shape: tuple[int, int],
         light: CameraConfig | None = None,
     ) -> None:
         """``corners [4, 3]`` are the picture's corners in the room, clockwise from the top left
-        from the audience's view; ``game_size`` is rows and columns; ``light`` has the ambient
+        from the audience's view; ``screen_shape`` is rows and columns; ``light`` has the ambient
         light and the glare, if there are any."""
         self._screen_body = screen_body
         seen = camera.project(corners).astype(np.float32)
@@ -44,9 +44,9 @@ class Projection:
         self._shadow = 1.0 - _coverage(camera, seen)
 
         game_seen = cv2.perspectiveTransform(GAME_IN_PICTURE[None], from_picture)[0]
-        self._coarse = _coarse_size(game_size, game_seen)
+        self._coarse = _coarse_size(screen_shape, game_seen)
         columns, rows = self._coarse
-        self._shrinks = (rows, columns) != game_size
+        self._shrinks = (rows, columns) != screen_shape
         to_game = _game_in_picture(columns, rows) @ np.linalg.inv(from_picture)
         self._window = window_around(game_seen, (camera.height, camera.width), more=1)
         y, x = np.mgrid[self._window]
@@ -119,12 +119,12 @@ def _game_in_picture(columns: int, rows: int) -> NDArray[np.float64]:
     )
 
 
-def _coarse_size(game_size: tuple[int, int], game_seen: NDArray[np.float32]) -> tuple[int, int]:
+def _coarse_size(screen_shape: tuple[int, int], game_seen: NDArray[np.float32]) -> tuple[int, int]:
     """Returns columns and rows to which the game is averaged before it is drawn, an integer
     fraction of its own: a camera's pixel integrates all of the game's pixels that fall on it."""
     sides = np.linalg.norm(np.roll(game_seen, -1, axis=0) - game_seen, axis=1)
     across, down = (sides[0] + sides[2]) / 2, (sides[1] + sides[3]) / 2
-    rows, columns = game_size
+    rows, columns = screen_shape
     return columns // max(1, int(columns / across)), rows // max(1, int(rows / down))
 
 

@@ -50,7 +50,7 @@ _FINGERTIPS, _SOLID = 1, 2
 
 
 class Room(ABC):
-    """Implements `Robot` in its own physics client; ``game_size`` is the game picture's rows and
+    """Implements `Robot` in its own physics client; ``screen_shape`` is the game picture's rows and
     columns."""
 
     mount: ClassVar[Mount]
@@ -66,12 +66,12 @@ class Room(ABC):
 
     def __init__(
         self,
-        game_size: tuple[int, int] = SCREEN_SHAPE,
+        screen_shape: tuple[int, int] = SCREEN_SHAPE,
         camera: CameraConfig = PERFECT_CAMERA,
         play: PlayConfig = DEFAULT_PLAY,
     ) -> None:
         """``play`` says how fast the arms are and how far a key must go down to count."""
-        self._game_size = game_size
+        self._screen_shape = screen_shape
         self._open = True
         self._engine = open_engine()
         with silenced(), tempfile.TemporaryDirectory() as folder:
@@ -149,8 +149,8 @@ class Room(ABC):
         self.furniture.place_screen((camera.screen_distance - 1) * usual, camera.screen_tilt)
         corners, screen = self.furniture.picture_corners, self.furniture.screen
         self.view_of_robot = StillView(self._engine, eye, self._moves, self._appearance)
-        self._projection = Projection(eye, corners, screen, self._game_size, camera)
-        self._views = Views(self._engine, screen, self._game_size, corners, self.scene)
+        self._projection = Projection(eye, corners, screen, self._screen_shape, camera)
+        self._views = Views(self._engine, screen, self._screen_shape, corners, self.scene)
 
     def _limit_contacts(self, body: int) -> None:
         """Allows contacts only between solid parts of the robot's ``body`` and other solid bodies,

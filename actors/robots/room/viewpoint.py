@@ -79,7 +79,7 @@ class Views:
     engine: Any
     screen_body: int
     """Shows the game."""
-    game_size: tuple[int, int]
+    screen_shape: tuple[int, int]
     """Rows and columns of the game."""
     corners: NDArray[np.float64]
     """Corners of the projected picture in the room, ``[4, 3]``, m."""
@@ -126,7 +126,7 @@ class Views:
         camera = viewpoint.turned(turn).camera(self.engine, width, height)
         if not camera.may_see(self.corners.tolist(), [0.0] * len(self.corners)):
             return _View(turn, camera, None)
-        projection = Projection(camera, self.corners, self.screen_body, self.game_size)
+        projection = Projection(camera, self.corners, self.screen_body, self.screen_shape)
         return _View(turn, camera, projection)
 
     def _rendering(self, view: _View, appearance: object) -> Rendering:
