@@ -17,6 +17,7 @@ from actors.policy import Policy
 from actors.policy_sync import PolicySync
 from actors.stream import insert_client, weights_client
 from actors.stream.weights_client import WeightsClient
+from common.counted import counted
 from common.errors import InputError
 from common.network import QNetwork
 from common.protocol.actor_stats import ActorStats
@@ -387,8 +388,8 @@ def test_a_replay_that_falls_silent_is_told_at_the_end(
     stage.ended()
     last = stage.farewell()
     assert last.made > last.acked
-    missing = last.made - last.acked
-    assert stage.warnings == [f"a: the replay did not acknowledge the last {missing} chunks."]
+    missing = counted(last.made - last.acked, "chunk")
+    assert stage.warnings == [f"a: the replay did not acknowledge the last {missing}."]
 
 
 def test_an_actor_leaves_a_hub_that_serves_another_run_now(stage: Stage) -> None:
