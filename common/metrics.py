@@ -211,7 +211,7 @@ declare(
     Metric("play/best_test_reward", "points", ".2", "Best mean score of a test",
            "best test", ("Reward", 7), summary="best_test_reward"),
     Metric("play/valid_frame_share", "ratio", ".3",
-           "Share of the recent steps whose frame showed the screen",
+           "Share of the recent steps whose frame showed the game",
            "frames valid", ("Learning", 8), gate="valid_frames", summary="valid_frame_share",
            bound=VALID_FRAMES),
     Metric("play/following_frame_share", "ratio", ".3",

@@ -38,7 +38,7 @@ class ChunkStatistics(NamedTuple):
     """Number of updates between those weights and the arrival of the chunk, as the learner began
     them."""
     valid: Count
-    """Number of steps whose frame showed the screen."""
+    """Number of steps whose frame showed the game."""
     matched: Count
     """Number of steps that ended with the commanded keys pressed."""
     games: Rows[Game]

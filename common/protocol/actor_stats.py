@@ -55,7 +55,7 @@ class ActorStats(Message):
     refused: Count = counter("actors/refused", "chunks", "Chunks that actors know were refused")
     throttled_share: Amount = 0.0
     """Share of time for which it paused because the learner was behind."""
-    valid: Count = counter("actors/valid", "steps", "Steps whose frame showed the screen")
+    valid: Count = counter("actors/valid", "steps", "Steps whose frame showed the game")
     matched: Count = counter("actors/matched", "steps", "Steps that ended with the commanded keys")
     decisions: Count = counter("actors/elapsed", "steps", "Agent steps of game time that passed")
     missed_deadlines: Count = counter(
@@ -88,7 +88,7 @@ class ActorStats(Message):
 
     @property
     def valid_share(self) -> float:
-        """Share of its steps whose frame showed the screen."""
+        """Share of its steps whose frame showed the game."""
         return self.valid / max(self.steps, 1)
 
     @property
