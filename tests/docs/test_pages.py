@@ -156,7 +156,7 @@ def test_the_page_of_figures_is_that_of_the_code() -> None:
 def test_the_page_of_figures_tells_units_meanings_and_where_they_are() -> None:
     assert (
         "| `play/valid_frame_share` | ratio | Share of the recent steps whose frame showed the "
-        "screen | frames valid |  | `valid_frames` | `valid_frame_share` | ≥ 0.99; else the screen "
+        "game | frames valid |  | `valid_frames` | `valid_frame_share` | ≥ 0.99; else the screen "
         "is not found in the camera's picture |"
     ) in metrics.page()
 
