@@ -39,7 +39,7 @@ def test_a_training_has_the_world_and_the_network_of_the_policy(name: str) -> No
     assert (config.env, config.game, config.play) == (trained.env, trained.game, trained.play)
     assert config.camera == trained.camera
     assert config.learning.network == trained.learning.network
-    assert config.samples_per_insert == 32
+    assert config.samples_per_insert == 16
     assert config.learning.annealing_steps == 20_000
     assert config.protocol.epoch_steps == 2_000
 
