@@ -19,6 +19,7 @@ from actors.envs.step_info import StepInfo
 from actors.envs.world import AgentStep, World
 from actors.robots.interface import Robot
 from actors.vision.screen_detector import Detection
+from common.counted import counted
 from common.errors import InputError
 from common.protocol.live_view import ViewName
 from common.registry import ROBOTS
@@ -76,8 +77,8 @@ class RobotEnv(GameEnv):
         try:
             if (found := len(self.robot.proprioception()[0])) != joints:
                 raise InputError(
-                    f"the robot {play.robot!r} has {found} joints, and its `RobotKind` declares "
-                    f"{joints}: mend that."
+                    f"the robot {play.robot!r} has {counted(found, 'joint')}, and its `RobotKind` "
+                    f"declares {joints}: mend that."
                 )
             world = World(self.robot, console, play, joints, self.robot.proprioception)
         except InputError:  # such as of a damaged model of the hands

@@ -84,6 +84,7 @@ def compare(before: Look, now: Look) -> Verdict:
         _difference(later, earlier) for earlier, later in zip(before, now, strict=True)
     )
     size = float(np.linalg.norm(own_change))
+    # With that contrast the change would have to correlate half as much again as is asked for.
     hidden = _GAIN * size < 1.5 * _MOVES_ALIKE * float(np.linalg.norm(change))
     unclear = size < _LEAST_CHANGE or hidden
     return Verdict(shows, unclear or _correlation(change, own_change) > _MOVES_ALIKE)

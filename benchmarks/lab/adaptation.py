@@ -31,19 +31,23 @@ from learner.options import LearnerOptions
 ADAPTING = {
     "learning.learning-rate": "2e-4",
     "learning.final-learning-rate": "2e-5",
-    "learning.batch-size": "16",
-    "learning.train-period": "1",
-    "learning.target-update-period": "500",
-    "learning.publish-period": "192",
     "replay.learning-starts": "1000",
     "replay.capacity": "100000",
     "exploration.start": "0.05",
     "exploration.end": "0.02",
     "exploration.steps": "5000",
 }
-"""Settings of the training. To keep what was learned before, nearly all actions are the policy's.
-Steps of a body are expensive and therefore few, so there is an update at each, as in the preset
-frugal: of 16 samples it brings twice as much as one of 64 at every second (LOG.md)."""
+"""Settings of the training. To keep what was learned before, nearly all actions are the
+policy's."""
+_AS_FRUGAL = (
+    "learning.batch_size",
+    "learning.train_period",
+    "learning.target_update_period",
+    "learning.publish_period",
+)
+"""Settings that are those of the preset frugal: steps of a body are expensive and therefore few, so
+there is an update at each. Of 16 samples it brings twice as much as one of 64 at every second
+(LOG.md)."""
 _WORLD = ("play.", "camera.", "randomise.")
 _EPOCHS = 10
 _NEAR = 2.0
@@ -132,7 +136,9 @@ def training_flags(trained: RunConfig, steps: int) -> list[str]:
         for name, value in flat(trained).items()
         if value != usual[name] and name.startswith(_WORLD)
     }
-    given = settings | ADAPTING | schedule | world
+    frugal = flat(PRESETS["frugal"])
+    updates = {name: frugal[name] for name in _AS_FRUGAL}
+    given = settings | updates | ADAPTING | schedule | world
     return [word for name, value in given.items() for word in flag_of(name, value)]
 
 

@@ -11,6 +11,7 @@ robustness FILE` draws it as a heat map, or as a curve if there is only one opti
 import hashlib
 import json
 import shlex
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
@@ -100,13 +101,13 @@ class Options(PlayingOptions):
         if self.robot is not None:
             ROBOTS.find(self.robot)
         try:
-            given = set(map(flag_in, shlex.split(self.flags)))
+            given = _flags(shlex.split(self.flags))
         except ValueError as error:
             raise InputError(f"--flags is {self.flags!r} ({error}): quote it whole.") from None
         for name in self.optics:
             if name not in OPTICS:
                 raise InputError(f"there is no optics {name!r}: {choice(name, [*OPTICS])}")
-        own = {*cell_flags(0, "nominal", 0.0, "nao"), "--robot", *_OWN}
+        own = {*_flags(cell_flags(0, "nominal", 0.0, "nao")), "--robot", *_OWN}
         if refused := sorted(given & own):
             raise InputError(f"--flags names {refused[0]}, which the grid itself gives: omit it.")
         grid = self.latencies, self.optics, self.sticky, self.robot, self.flags, self.epsilon
@@ -160,6 +161,11 @@ def cell_flags(latency: int, optics: str, sticky: float, robot: str | None = Non
         "play.sticky": f"{sticky:g}",
     }
     return [part for name, value in settings.items() for part in (f"--{name}", value)]
+
+
+def _flags(arguments: Sequence[str]) -> set[str]:
+    """Returns the flags among ``arguments``, without their values."""
+    return {flag_in(each) for each in arguments if each.startswith("--")}
 
 
 def measure(options: Options) -> Report:
@@ -225,7 +231,7 @@ def _current(cells: Any, file: Path | None) -> list[Row]:
     now = {name: optics.settings for name, optics in OPTICS.items()}
     try:
         for cell in cells:
-            scored(cell), cell["latency"]
+            scored(cell), cell["latency"]  # what the table needs
         return [
             cell
             for cell in cells

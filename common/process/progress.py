@@ -17,6 +17,8 @@ PLAIN_SECONDS = 10.0
 _BEGUN = sys.float_info.min
 """Amount that is done at the beginning: rich measures the speed from the first amount above 0 on,
 and two games that end together would take no time."""
+_LONGEST = 365 * 86_400
+"""Seconds left beyond which they are not told."""
 _RECENT = 600.0
 """Seconds over which the speed is measured for the time left; long, because games take minutes."""
 
@@ -78,7 +80,7 @@ class Progress(AbstractContextManager["Progress"]):
         parts = [task.fields["note"]]
         if task.total is not None:
             parts.insert(0, f"{task.percentage:.0f} %")
-        if (left := task.time_remaining) is not None:
+        if (left := task.time_remaining) is not None and left <= _LONGEST:
             parts.append(f"{timedelta(seconds=left)} left")
         told = f"{task.description}: {', '.join(filter(None, parts))}"
         write_line(line(told, stamped=True), self._stream)

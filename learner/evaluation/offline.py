@@ -73,12 +73,14 @@ def evaluate(
     origin = origin_of(network)
     trained = origin and origin.for_play
     load_network_file(build_network(config, config.action_count), network, "this game")
+    # Before the games: a run that goes on writes its checkpoint anew meanwhile.
+    sha256 = hashlib.sha256(network.read_bytes()).hexdigest()
     rows = _rows(network, options, config, trained, clock, stop, console)
     if rows is None:
         return None
     content: dict[str, Any] = {
         "weights": name or name_of(network),
-        "sha256": hashlib.sha256(network.read_bytes()).hexdigest(),
+        "sha256": sha256,
         "seed": config.seed,
         "flags": clock.flags(),
         **({"rows": rows} if options.headline else rows[0]),

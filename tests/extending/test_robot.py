@@ -125,7 +125,7 @@ def test_its_keys_play_the_game() -> None:
 
 def test_a_robot_that_declares_other_joints_than_it_has_is_refused() -> None:
     with added(ROBOTS, replace(FINGER, joints=2)):
-        told = "the robot 'finger' has 1 joints, and its `RobotKind` declares 2: mend that"
+        told = "the robot 'finger' has 1 joint, and its `RobotKind` declares 2: mend that"
         with pytest.raises(InputError, match=told):
             make_env(config(), ClockConfig(), training=True)
 

@@ -229,6 +229,8 @@ def test_other_settings_may_be_given_for_all_cells(games: Games, tmp_path: Path)
     content = grid(tmp_path / "grid.json", "--flags=--play.equal-latency 17", "--optics", "nominal")
     assert content["flags"] == "--play.equal-latency 17"
     assert {each["--play.equal-latency"] for each in games.flags} == {"17"}
+    zero = grid(tmp_path / "zero.json", "--flags=--play.max-game-frames 0", "--optics", "nominal")
+    assert zero["flags"] == "--play.max-game-frames 0"  # a value that cells have too is no flag
     for own in (
         "--camera.noise=3",
         "--play.actuation_latency 3",

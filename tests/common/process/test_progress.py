@@ -47,6 +47,16 @@ def test_an_end_that_nobody_knows_has_no_share() -> None:
     assert stream.getvalue().split(" ", 1)[1] == "playing: 3 s of play\n"
 
 
+def test_an_end_that_nobody_will_see_has_no_time_left() -> None:
+    stream, now = io.StringIO(), Now()
+    with Progress("recording", 2**63 - 1, stream=stream, now=now) as progress:
+        for done in (1, 2):
+            now.seconds += 10.0
+            progress.update(done, note=f"{done} steps")
+    told = [line.split(" ", 1)[1] for line in stream.getvalue().splitlines()]
+    assert told == ["recording: 0 %, 1 steps", "recording: 0 %, 2 steps"]
+
+
 def test_another_total_is_told() -> None:
     stream, now = io.StringIO(), Now()
     with Progress("evaluating", 4, stream=stream, now=now) as progress:
