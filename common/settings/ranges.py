@@ -66,9 +66,9 @@ class RandomiseConfig:
     to that of docs/conditions.md. The test of each epoch draws too; an evaluation draws only what
     its own flags say."""
 
-    latency: Annotated[Count, Drawn(_plus_whole, 12, "play.actuation_latency")] = 0
+    actuation_latency: Annotated[Count, Drawn(_plus_whole, 12, "play.actuation_latency")] = 0
     """Maximum additional actuation latency, emulator frames of 16.7 ms."""
-    jitter: Annotated[Count, Drawn(_plus_whole, 2, "play.actuation_jitter")] = 0
+    actuation_jitter: Annotated[Count, Drawn(_plus_whole, 2, "play.actuation_jitter")] = 0
     """Maximum additional actuation jitter, emulator frames."""
     arm_speed: Annotated[Amount, Drawn(_less, 0.5, "play.arm_speed")] = 0.0
     """Maximum relative loss of the arms' speed."""

@@ -19,6 +19,8 @@ RENAMED = {
     "camera.colour_gain": "randomise.colour",
     "camera.camera_jitter": "randomise.head_pose",
     "camera.screen_jitter": "randomise.screen_distance",
+    "randomise.latency": "randomise.actuation_latency",
+    "randomise.jitter": "randomise.actuation_jitter",
     "replay.warmup": "replay.learning_starts",
     "learning.train_every": "learning.train_period",
     "learning.target_every": "learning.target_update_period",

@@ -90,7 +90,9 @@ def test_hands_that_cannot_follow_in_time_are_not_judged() -> None:
         assert actors.values()["play/faulty_environments"] == count
     late = PRESETS["robot"]
     late = replace(late, play=replace(late.play, actuation_latency=4))
-    drawn = replace(late, play=RunConfig().play, randomise=replace(late.randomise, latency=8))
+    drawn = replace(
+        late, play=RunConfig().play, randomise=replace(late.randomise, actuation_latency=8)
+    )
     for config, count in ((PRESETS["robot"], 1), (late, 0), (drawn, 0)):
         phases = Phases(config, RunClock(lambda: 0.0))
         for index in range(16):

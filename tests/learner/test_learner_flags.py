@@ -255,7 +255,7 @@ def test_settings_are_the_runs_that_is_gone_on_with_or_evaluated(tmp_path: Path)
 
 def test_an_evaluation_draws_only_what_it_is_told_to(tmp_path: Path) -> None:
     preset = PRESETS["robot"]
-    trained = replace(preset, seed=7, randomise=replace(all_ranges("robot"), latency=6))
+    trained = replace(preset, seed=7, randomise=replace(all_ranges("robot"), actuation_latency=6))
     trained = replace(trained, learning=replace(trained.learning, curriculum_steps=9))
     folder = RunFolder(tmp_path, "r")
     folder.claim("learner", trained, resume=False)

@@ -30,7 +30,7 @@ CONFIG = replace(
     FAST,
     game="breakout",
     play=replace(FAST.play, max_game_frames=400, random_starts=0),
-    randomise=RandomiseConfig(latency=4),
+    randomise=RandomiseConfig(actuation_latency=4),
 )
 SUMMARY = {
     "run": "small",
@@ -105,7 +105,7 @@ def test_no_conditions_are_drawn_for_the_scores_of_the_card(
     monkeypatch.setattr("learner.publish.evaluate", evaluate)
     card = publish(Options(_run(tmp_path / "small"), tmp_path / "breakout"), threading.Event())
     assert played == [replace(CONFIG, randomise=RandomiseConfig())]
-    assert card["config"]["randomise"]["latency"] == 4
+    assert card["config"]["randomise"]["actuation_latency"] == 4
 
 
 def test_the_epoch_of_the_best_test_must_be_known(tmp_path: Path) -> None:

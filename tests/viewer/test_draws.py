@@ -36,9 +36,11 @@ def test_one_range_may_be_given_without_a_robot_which_has_others(tmp_path: Path)
 
 def test_the_ranges_of_a_run_are_drawn(tmp_path: Path) -> None:
     file = tmp_path / "config.json"
-    file.write_text(to_json(replace(PRESETS["robot"], randomise=RandomiseConfig(latency=3))))
+    file.write_text(
+        to_json(replace(PRESETS["robot"], randomise=RandomiseConfig(actuation_latency=3)))
+    )
     command = parsed(Draws, "--config", file, "--randomise.noise", 2)
-    assert command.config().randomise == RandomiseConfig(latency=3, noise=2.0)
+    assert command.config().randomise == RandomiseConfig(actuation_latency=3, noise=2.0)
 
 
 @pytest.mark.parametrize(("env", "tall"), [("robot", 436), ("ale", 436)])

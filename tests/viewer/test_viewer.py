@@ -261,7 +261,7 @@ def test_a_latency_model_named_again_keeps_its_rate(
 
 def test_what_is_played_comes_from_the_run_of_the_weights(tmp_path: Path) -> None:
     ran = replace(PRESETS["fast"], game="breakout")
-    drawing = replace(ran, randomise=RandomiseConfig(latency=3))
+    drawing = replace(ran, randomise=RandomiseConfig(actuation_latency=3))
     weights = in_run(tmp_path, drawing, 4)
     assert parsed(Play, weights).config() == ran
     flags = ("--env", "robot", "--game", "kaboom", "--seed", "3")

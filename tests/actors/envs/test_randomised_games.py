@@ -180,7 +180,9 @@ def test_the_emulator_draws_conditions_for_each_game_too() -> None:
     assert len(stickiness) == 5
 
 
-@pytest.mark.parametrize("ranges", [RandomiseConfig(latency=8), RandomiseConfig(press_latency=8)])
+@pytest.mark.parametrize(
+    "ranges", [RandomiseConfig(actuation_latency=8), RandomiseConfig(press_latency=8)]
+)
 def test_the_emulators_keys_have_the_drawn_latency(ranges: RandomiseConfig) -> None:
     env = AtariEnv("pong", play=PLAY, randomise=ranges)
     for seed in range(8):
@@ -249,7 +251,7 @@ def test_glare_shines_where_it_would_on_the_robots_screen() -> None:
 
 
 def test_make_env_takes_camera_and_ranges_from_the_configuration() -> None:
-    ranges = RandomiseConfig(latency=3, sticky=0.2)
+    ranges = RandomiseConfig(actuation_latency=3, sticky=0.2)
     for kind in ("ale", "robot"):
         config = RunConfig(env=kind, camera=CameraConfig(gamma=1.5), randomise=ranges)
         env = make_env(replace(config, play=PLAY), training=False)

@@ -106,9 +106,9 @@ def test_all_ranges_are_drawn_except_for_those_that_are_given() -> None:
     everything = all_ranges("robot")
     assert everything.noise == 8.0
     found = parsed(
-        "--randomise.all", "--randomise.noise", "0", "--randomise.latency=3", "--run", "x"
+        "--randomise.all", "--randomise.noise", "0", "--randomise.actuation-latency=3", "--run", "x"
     )
-    ranges = replace(everything, noise=0.0, latency=3)
+    ranges = replace(everything, noise=0.0, actuation_latency=3)
     assert found == Options(replace(PRESETS["robot"], randomise=ranges), run="x")
     assert parsed("--preset", "fast", "--randomise.all").config.randomise == all_ranges("ale")
     assert parsed("--preset", "fast", "--randomise.all", "--env", "robot").config.randomise == (

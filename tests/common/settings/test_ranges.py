@@ -23,8 +23,8 @@ from tests.paths import ROOT
 ALL = all_ranges("robot")
 
 DRAWN = {
-    "latency": ("play.actuation_latency", 0, 12),
-    "jitter": ("play.actuation_jitter", 0, 2),
+    "actuation_latency": ("play.actuation_latency", 0, 12),
+    "actuation_jitter": ("play.actuation_jitter", 0, 2),
     "arm_speed": ("play.arm_speed", 0.5, 1.0),
     "key_threshold": ("play.key_threshold", 0.7, 1.3),
     "sticky": ("play.sticky", 0.0, 0.25),
@@ -124,7 +124,7 @@ def test_a_range_that_is_off_leaves_the_others_as_they_were(name: str) -> None:
 def test_a_game_may_be_drawn_from_a_share_of_the_ranges() -> None:
     """Those of half of the ranges are those of ranges half as wide; of none, the usual settings."""
     half = replace(ALL, **{name: value / 2 for name, value in vars(ALL).items()})
-    half = replace(half, latency=6, jitter=1, gamma=1.3, picture_latency=0)
+    half = replace(half, actuation_latency=6, actuation_jitter=1, gamma=1.3, picture_latency=0)
     base = Conditions(PlayConfig(), PERFECT_CAMERA)
     for seed in range(20):
         found = flat(draw(*base, ALL, np.random.default_rng(seed).random, 0.5))
@@ -146,7 +146,7 @@ def test_a_range_of_whole_numbers_grows_without_jumps(
 ) -> None:
     """A range of 2.5 gives 0, 1 and 2 twice as often as 3."""
     base = Conditions(PlayConfig(), PERFECT_CAMERA)
-    ranges = RandomiseConfig(latency=most)
+    ranges = RandomiseConfig(actuation_latency=most)
     even = [draw(*base, ranges, partial(float, u), share) for u in (np.arange(7_000) + 0.5) / 7_000]
     counts = np.bincount([found.play.actuation_latency for found in even]) / 7_000
     assert counts == pytest.approx(shares, abs=1e-3)
@@ -213,7 +213,11 @@ def test_all_ranges_alone_are_within_the_bounds() -> None:
 @pytest.mark.parametrize(
     ("base", "ranges", "sentence"),
     [
-        ({"actuation_latency": 30}, {"latency": 7}, "play.actuation_latency is 37: choose at most"),
+        (
+            {"actuation_latency": 30},
+            {"actuation_latency": 7},
+            "play.actuation_latency is 37: choose at most",
+        ),
         ({"arm_speed": 0.4}, {"arm_speed": 0.5}, "play.arm_speed is 0.2: choose 0.25 or more"),
         ({"key_threshold": 0.6}, {"key_threshold": 0.3}, "play.key_threshold is 0.42: choose 0.5"),
         ({}, {"exposure": 1.0}, "camera.brightness is 0.0: choose 0.05 or more"),

@@ -55,7 +55,12 @@ def test_keys_that_may_be_drawn_too_late_for_their_step_are_not_judged() -> None
 
 
 @pytest.mark.parametrize(
-    "ranges", [RandomiseConfig(latency=1), RandomiseConfig(jitter=1), RandomiseConfig(noise=8.0)]
+    "ranges",
+    [
+        RandomiseConfig(actuation_latency=1),
+        RandomiseConfig(actuation_jitter=1),
+        RandomiseConfig(noise=8.0),
+    ],
 )
 def test_hands_whose_latency_is_drawn_are_not_judged(ranges: RandomiseConfig) -> None:
     slow: dict[str, Value] = {"hands/press_p99": 250.0, "play/press_match_share": 0.1}
