@@ -37,6 +37,14 @@ such as another latency or camera, evaluate it there
 """
 
 
+def _begun(initial: object) -> str:
+    """Returns how the training began, by the card's word for the network that it began with."""
+    if not initial:
+        return "trained"
+    named = initial.partition("#")[0] if isinstance(initial, str) else "another network"
+    return f"fine-tuned from {named}"
+
+
 def model_card(name: str, card: Mapping[str, Any], config: RunConfig, repository: str) -> str:
     """Returns the text of README.md.
 
@@ -61,7 +69,7 @@ def model_card(name: str, card: Mapping[str, Any], config: RunConfig, repository
         input=f"the last {play.frame_stack} frames of 84×84 pixels"
         + (f", its {felt}" if play.vector else ""),
         actions="the game's own actions" if play.minimal_actions else "all 18 actions",
-        trained=("fine-tuned from another network" if card.get("initial") else "trained")
+        trained=_begun(card.get("initial"))
         + (f" from {steps:,} recorded steps and" if (steps := card.get("demonstrations")) else ""),
         steps=card["agent_steps"],
         milliseconds=ms_of(play.frame_skip),

@@ -148,7 +148,7 @@ declare(
     Metric("run/game", "none", "text", "Atari game, or the environment itself if it has none",
            summary="game"),
     Metric("run/seed", "none", "count", "Seed of the run", summary="seed"),
-    Metric("run/initial", "none", "text", "Whether the run began with a given network",
+    Metric("run/initial", "none", "text", "Network that the run began with, and its SHA-256",
            summary="initial"),
     Metric("run/demonstrations", "steps", "count", "Recorded steps with which the replay began",
            summary="demonstrations"),

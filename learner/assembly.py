@@ -8,6 +8,7 @@ from common.metrics import Values
 from common.protocol.run_keys import RunKeys, replay_of
 from common.run.epochs import EpochTable
 from common.run.folder import RunFolder
+from common.run.origin import copied_from
 from common.settings.stored_config import flat
 from common.transport.interface import Transport
 from common.transport.signature import Sign
@@ -147,12 +148,19 @@ def _constants(
         **clock_figures(options),
         "run/run": folder.name,
         "run/device": device.name,
-        "run/initial": folder.initial.exists(),
+        "run/initial": _given(folder),
         "run/demonstrations": 0 if begun is None else begun.steps,
         "run/steps_goal": options.steps,
         "run/join": None if options.local else join_command(options),
         "run/page": page,
     }
+
+
+def _given(folder: RunFolder) -> str | None:
+    """Returns the identity of the network that the run began with; None for fresh weights."""
+    if not folder.initial.exists():
+        return None
+    return copied_from(folder.initial) or "unknown"
 
 
 def _sinks(

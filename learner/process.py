@@ -20,6 +20,7 @@ from common.process.threads import end_with_any_thread
 from common.run.folder import RunFolder
 from common.run.network_file import encode_network_file
 from common.run.newest_learner import Ended, NewestLearner
+from common.run.origin import identity_of
 from common.transport.signature import signer
 from learner.algorithm.interface import build_algorithm
 from learner.assembly import build_learner
@@ -50,6 +51,7 @@ def train(options: LearnerOptions, again: bool) -> int:
         options = going_on(options)
     config, folder = options.config, options.folder
     sign = signer(options.certificates)
+    given = None if options.initial is None else identity_of(options.initial)
     network = first_network(options, folder)
     demonstrations = begin_with(options.demonstrations, config, folder, resume=options.resume)
     device = choose_device(
@@ -64,7 +66,7 @@ def train(options: LearnerOptions, again: bool) -> int:
     torch.set_num_threads(options.threads or free_cores(options))
     stop = threading.Event()
     on_signals(stop)
-    begin = partial(_write_beginning, options, folder, network, demonstrations)
+    begin = partial(_write_beginning, options, folder, network, given, demonstrations)
     folder.claim("learner", config, resume=options.resume, begin=begin)
     with (
         folder.removed_if_unused(),
@@ -125,14 +127,21 @@ def _write_beginning(
     options: LearnerOptions,
     folder: RunFolder,
     network: QNetwork,
+    given: str | None,
     demonstrations: Demonstrations | None,
 ) -> None:
-    """Writes the weights and the recording with which the run begins, if they were given."""
+    """Writes the weights and the recording with which the run begins, if they were given.
+
+    Args:
+        given: identity of the network that the weights came from.
+    """
     if not options.resume:  # a start that failed may have left them
         folder.initial.unlink(missing_ok=True)
         folder.demonstrations.unlink(missing_ok=True)
-    if options.initial is not None:
-        write_atomically(folder.initial, encode_network_file(network, options.config))
+    if given is not None and not folder.initial.exists():
+        write_atomically(
+            folder.initial, encode_network_file(network, options.config, identity=given)
+        )
     if demonstrations is not None:
         write_atomically(folder.demonstrations, demonstrations.begun.encode())
 

@@ -145,7 +145,7 @@ def _trained(options: Options, folder: RunFolder) -> tuple[RunConfig, QNetwork, 
         )
     # The summary may be of later steps than the weights, or of fewer.
     card = {name: summary[name] for name in _FROM_SUMMARY} | counters
-    card["initial"] = summary.get("initial", False)
+    card["initial"] = summary.get("initial")
     card["demonstrations"] = summary.get("demonstrations", 0)
     if not options.last:
         card |= {"snapshot": test, **_until(test, folder, config)}

@@ -13,11 +13,18 @@ from common.settings.config import RunConfig
 
 
 def encode_network_file(
-    network: nn.Module, trained: RunConfig, dtype: torch.dtype = torch.float32
+    network: nn.Module,
+    trained: RunConfig,
+    dtype: torch.dtype = torch.float32,
+    identity: str | None = None,
 ) -> bytes:
     """Returns the file of ``network``, whose training had the settings ``trained``: safetensors of
-    float32, or of float16 for a small file."""
-    return encode_weights(network, origin_metadata(trained), dtype)
+    float32, or of float16 for a small file.
+
+    Args:
+        identity: see `origin_metadata`.
+    """
+    return encode_weights(network, origin_metadata(trained, identity), dtype)
 
 
 _PUBLISHED = ("average.", "online.")

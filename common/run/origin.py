@@ -1,13 +1,15 @@
 """Finds networks on disk, and the settings of their training."""
 
+import hashlib
 import json
 import os
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from safetensors import SafetensorError, safe_open
 
-from common.errors import InputError, choice
+from common.errors import InputError, cannot_read, choice
 from common.run.folder import RunFolder
 from common.settings.conditions import PlayConfig
 from common.settings.config import RunConfig
@@ -92,13 +94,40 @@ def shown_weights(env: str, game: str, robot: str = PlayConfig.robot) -> Path | 
     return file if file.is_file() else None
 
 
+def identity_of(weights: Path) -> str:
+    """Returns how records name the network in a file: ``NAME#sha256=HASH``, where the name is a
+    published policy's, or the file's with that of its folder. Raises InputError if the file cannot
+    be read."""
+    real = weights.resolve()
+    named = real.stem if real.parent == SHIPPED.resolve() else "/".join(real.parts[-2:])
+    try:
+        with weights.open("rb") as file:
+            return f"{named}#sha256={hashlib.file_digest(file, 'sha256').hexdigest()}"
+    except OSError as error:
+        raise cannot_read(weights, error) from None
+
+
 _CONFIG = "config"
 """Key of the training's settings in a network's file and in a policy's card."""
+_IDENTITY = "identity"
+"""Key, in a run's copy of the network that it began with, of that network's identity."""
 
 
-def origin_metadata(trained: RunConfig) -> dict[str, str]:
-    """Returns the settings of a network's training, as metadata of safetensors."""
-    return {_CONFIG: to_json(trained)}
+def origin_metadata(trained: RunConfig, identity: str | None = None) -> dict[str, str]:
+    """Returns the settings of a network's training, as metadata of safetensors.
+
+    Args:
+        identity: of the file of which the network is a copy, see `identity_of`.
+    """
+    return {_CONFIG: to_json(trained)} | ({} if identity is None else {_IDENTITY: identity})
+
+
+def copied_from(weights: Path) -> str | None:
+    """Returns the identity of the file of which ``weights`` is a copy; None if the file does not
+    tell, as those of former versions, or is damaged."""
+    with suppress(InputError):
+        return _metadata(weights).get(_IDENTITY)
+    return None
 
 
 def origin_of(weights: Path) -> RunConfig | None:

@@ -169,6 +169,25 @@ def test_the_card_tells_of_other_worlds_where_they_were_played(hub: Hub, pushed:
     assert "pixels, its commands, keys and joints, and chooses" in told
 
 
+@pytest.mark.parametrize(
+    ("initial", "words"),
+    [
+        (None, "It was trained for"),  # fresh weights
+        ("robot_pong#sha256=0", "It was fine-tuned from robot_pong for"),
+        (True, "It was fine-tuned from another network for"),  # a former version's
+    ],
+)
+def test_the_card_names_the_network_that_the_training_began_with(
+    hub: Hub, tmp_path: Path, initial: object, words: str
+) -> None:
+    for suffix in ("safetensors", "json"):
+        shutil.copy(SHIPPED / f"ale_pong.{suffix}", tmp_path)
+    card = json.loads((tmp_path / "ale_pong.json").read_bytes()) | {"initial": initial}
+    (tmp_path / "ale_pong.json").write_text(json.dumps(card))
+    Push(str(tmp_path / "ale_pong.safetensors"), REPOSITORY).run()
+    assert words in " ".join(hub.files["README.md"].decode().split())
+
+
 def test_a_private_repository_is_asked_for(hub: Hub) -> None:
     Push("ale_pong", REPOSITORY, private=True).run()
     assert hub.private

@@ -1,5 +1,6 @@
 """`python -m learner --local`: everything on one machine, from nothing to the files it leaves."""
 
+import hashlib
 import json
 import os
 import signal
@@ -79,13 +80,15 @@ def test_a_run_that_begins_with_a_given_network_plays_by_it_at_once(stage: Stage
     assert float(before["average_reward"]) >= 1
     assert (stage.run / "initial.safetensors").exists()
     summary = stage.summary()
-    assert summary["initial"] is True
+    content = (POLICIES / "ale_pong.safetensors").read_bytes()
+    assert summary["initial"] == f"ale_pong#sha256={hashlib.sha256(content).hexdigest()}"
     assert summary["random_reward"] is None
 
     # The flags that began it go on with it, and another network is refused.
     goal = summary["agent_steps"] + 100
     stage.learner("--resume", *alone, *policy, f"--steps={goal}").ends()
     assert stage.summary()["agent_steps"] >= goal
+    assert stage.summary()["initial"] == summary["initial"]
     checkpoint = str(stage.run / "checkpoint.safetensors")
     output = stage.learner("--resume", "--initial", checkpoint).ends(status=2)
     assert "did not begin with" in output

@@ -108,6 +108,15 @@ def test_no_conditions_are_drawn_for_the_scores_of_the_card(
     assert card["config"]["randomise"]["actuation_latency"] == 4
 
 
+def test_the_card_tells_which_network_the_run_began_with(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("learner.publish.evaluate", lambda *given, name: {})
+    run = _run(tmp_path / "small")
+    (run / "summary.json").write_text(json.dumps(SUMMARY | {"initial": "a/b#sha256=0"}))
+    assert publish(Options(run, tmp_path / "one"), threading.Event())["initial"] == "a/b#sha256=0"
+
+
 def test_the_epoch_of_the_best_test_must_be_known(tmp_path: Path) -> None:
     run = _run(tmp_path / "small")
     (run / "snapshots/best.json").write_text('{"epoch": 4, "train_steps": 9000}')

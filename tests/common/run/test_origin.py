@@ -1,5 +1,6 @@
 """Networks on disk are found, and tell the settings of their training."""
 
+import hashlib
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,7 +12,15 @@ from common.network import build_network
 from common.protocol.weights import encode_weights
 from common.run.folder import RunFolder
 from common.run.network_file import encode_network_file
-from common.run.origin import SHIPPED, find_weights, not_a_network, origin_of, run_meant_by
+from common.run.origin import (
+    SHIPPED,
+    copied_from,
+    find_weights,
+    identity_of,
+    not_a_network,
+    origin_of,
+    run_meant_by,
+)
 from common.settings.config import RunConfig
 from common.settings.presets import PRESETS
 from common.settings.stored_config import to_json
@@ -35,6 +44,33 @@ def test_a_file_on_its_own_tells_the_settings_of_its_training(tmp_path: Path) ->
         origin_of(file)
     file.unlink()  # as its reader will say
     assert origin_of(file) is None
+
+
+def test_a_network_is_identified_by_its_name_and_its_content(tmp_path: Path) -> None:
+    file = tmp_path / "r" / "checkpoint.safetensors"
+    file.parent.mkdir()
+    file.write_bytes(b"abc")
+    # FIPS 180-4's example.
+    sha256 = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"
+    assert identity_of(file) == f"r/checkpoint.safetensors#sha256={sha256}"
+    shipped = find_weights("robot_pong")
+    assert identity_of(shipped) == (
+        f"robot_pong#sha256={hashlib.sha256(shipped.read_bytes()).hexdigest()}"
+    )
+    file.unlink()
+    with pytest.raises(InputError, match=r"checkpoint\.safetensors"):
+        identity_of(file)
+
+
+def test_a_copy_tells_of_what_it_is_one(tmp_path: Path) -> None:
+    copy, network = tmp_path / "initial.safetensors", build_network(TRAINED, 6)
+    copy.write_bytes(encode_network_file(network, TRAINED, identity="a#sha256=0"))
+    assert copied_from(copy) == "a#sha256=0"
+    assert origin_of(copy) == TRAINED
+    copy.write_bytes(encode_network_file(network, TRAINED))  # as former versions wrote it
+    assert copied_from(copy) is None
+    copy.write_bytes(b"damaged")
+    assert copied_from(copy) is None
 
 
 def test_the_network_of_a_run_that_lost_its_newest_is_the_one_before(tmp_path: Path) -> None:
