@@ -16,11 +16,11 @@ import numpy as np
 import tyro
 from annotated_types import Ge, Le
 from numpy.random import Generator
-from numpy.typing import NDArray
 
 from actors.robots.interface import Hands
 from actors.robots.latency import AGENT_STEP, hold
 from actors.robots.latency_model.model import LatencyModel
+from actors.robots.latency_model.recording import Recording, inputs
 from actors.robots.latency_model.weights import (
     ACTIONS,
     COMMANDS,
@@ -34,6 +34,8 @@ from common.atomic_file import check_new_file
 from common.checked import FromOne
 from common.command_line.parser import parse
 from common.games import MINIMAL_ACTIONS, SCREEN_SHAPE, check_game
+from common.pinned_file import pin
+from common.process.extras import extra_for
 from common.process.program_end import exit_on_input_error
 from common.process.progress import Progress
 from common.registry import ROBOTS
@@ -62,6 +64,9 @@ class FitOptions:
     """Robot whose hands are measured: 'nao', 'robotroller', a registered one, or FILE.npz."""
     robot_settings: Annotated[str, tyro.conf.arg(name="play.robot-settings")] = ""
     """Settings that the robot declares for itself."""
+    recordings: tuple[Path, ...] = ()
+    """Recordings of games that were played by these hands (`ale-robot record`, with --play.vector);
+    the model learns from them too."""
     game: str = "pong"
     """Game whose own actions are commanded."""
     steps: FromOne = 20_000
@@ -76,16 +81,6 @@ class FitOptions:
         check_game(self.game)
         check_own_settings(ROBOTS.find(self.robot), self.robot_settings, ROBOT.text)
         check_new_file(self.output)
-
-
-@dataclass(frozen=True)
-class Recording:
-    """What hands did in ``N`` emulator frames, as ALE's actions."""
-
-    wanted: NDArray[np.int64]
-    """``[N]``, the command in each frame."""
-    held: NDArray[np.int64]
-    """``[N]``, what was held at the end of each frame."""
 
 
 def commands(
@@ -118,20 +113,11 @@ def record(
     return Recording(np.array(wanted), np.array([action_of_keys(keys) for keys in held]))
 
 
-def inputs(recording: Recording) -> NDArray[np.int64]:
-    """Returns the columns of the model's first layer that are 1 in each frame, ``[N, 60]``: the
-    last 30 commands, and what was held just before each of them."""
-    before = np.concatenate([[0], recording.held[:-1]])
-    columns = np.stack([recording.wanted, ACTIONS + before], axis=1)
-    nothing = np.tile([0, ACTIONS], (COMMANDS - 1, 1))
-    past = np.lib.stride_tricks.sliding_window_view(
-        np.concatenate([nothing, columns]), COMMANDS, axis=0
-    )
-    return (past + ROW * np.arange(COMMANDS)).reshape(len(columns), 2 * COMMANDS)
-
-
 def fit(
-    recording: Recording, hidden: int, seed: int, tell: Callable[[int], None] = lambda updates: None
+    recordings: Sequence[Recording],
+    hidden: int,
+    seed: int,
+    tell: Callable[[int], None] = lambda updates: None,
 ) -> ModelWeights:
     """Returns the weights of the model by which the recorded frames are most likely.
 
@@ -147,7 +133,8 @@ def fit(
     nn.init.normal_(first.weight, std=(2 * COMMANDS) ** -0.5)  # 60 of its inputs are 1
     layers = nn.Sequential(first, nn.ReLU(), second)
     optimizer = torch.optim.Adam(layers.parameters(), lr=_LEARNING_RATE, fused=True)
-    columns, held = torch.from_numpy(inputs(recording)), torch.from_numpy(recording.held)
+    columns = torch.from_numpy(np.concatenate([inputs(r)[r.known_from :] for r in recordings]))
+    held = torch.from_numpy(np.concatenate([r.held[r.known_from :] for r in recordings]))
     schedule = torch.optim.lr_scheduler.LinearLR(optimizer, 1.0, 0.01, UPDATES)
     for update in range(UPDATES):
         chosen = torch.randint(len(held), (_BATCH,))
@@ -168,14 +155,26 @@ def differing(weights: ModelWeights, recording: Recording) -> float:
     return float((alone.held != recording.held).mean())
 
 
+def _played(options: FitOptions, play: PlayConfig) -> list[Recording]:
+    if not options.recordings:
+        return []
+    with extra_for("--recordings", "record"):
+        from actors.robots.latency_model.played import played
+    robot = pin(play.robot) if play.latency_model else play.robot
+    return [
+        game for each in options.recordings for game in played(each, robot, play.robot_settings)
+    ]
+
+
 def run(options: FitOptions) -> None:
     """Measures, learns, tests and writes the model."""
     rng = np.random.default_rng(options.seed)
     play = PlayConfig(robot=options.robot, robot_settings=options.robot_settings)
     actions, tests = MINIMAL_ACTIONS[options.game], max(1, int(options.steps * _TESTED))
+    learned = _played(options, play)
     robot = ROBOTS.make(options.robot, SCREEN_SHAPE, CameraConfig(), play)
     with closing(robot), Progress("measuring", options.steps) as progress:
-        learned = record(robot, commands(actions, options.steps, rng), progress.update)
+        learned += [record(robot, commands(actions, options.steps, rng), progress.update)]
         tested = record(robot, commands(actions, tests, rng))
     with Progress("learning", UPDATES) as progress:
         weights = fit(learned, options.hidden, options.seed, progress.update)

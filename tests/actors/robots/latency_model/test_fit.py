@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from actors.robots.latency_model import fit
-from actors.robots.latency_model.fit import Recording, commands, differing, inputs, record
+from actors.robots.latency_model.fit import commands, differing, record
 from actors.robots.latency_model.model import LatencyModel
+from actors.robots.latency_model.recording import Recording, inputs
 from actors.robots.latency_model.weights import ModelWeights, read_weights
 from common.errors import InputError
 from tests.actors.robots.latency_model.models import Arrays, delay, drawn, flicker, saved
@@ -60,7 +61,7 @@ def test_commands_are_short_at_first_and_long_in_the_end() -> None:
 @pytest.mark.parametrize("arrays", [delay(0), delay(7), flicker()], ids=["now", "late", "flicker"])
 def test_hands_of_a_known_function_are_learned(arrays: Arrays) -> None:
     told: list[int] = []
-    weights = fit.fit(recorded(arrays, 4_000), hidden=32, seed=0, tell=told.append)
+    weights = fit.fit([recorded(arrays, 4_000)], hidden=32, seed=0, tell=told.append)
     assert told == list(range(1, 1_001))
     assert differing(weights, recorded(arrays, 200, seed=1)) < 0.01
 
