@@ -6,6 +6,7 @@ from typing import Any
 from ale_robot.environments import env_id
 from ale_robot.policies import GridScores, evaluation_rows
 from common.minus import minus_signed
+from common.pinned_file import path_of
 from common.press_latency import ms_of
 from common.process.extras import extra_for
 from common.registry import ENVIRONMENTS
@@ -41,7 +42,7 @@ def _begun(initial: object) -> str:
     """Returns how the training began, by the card's word for the network that it began with."""
     if not initial:
         return "trained"
-    named = initial.partition("#")[0] if isinstance(initial, str) else "another network"
+    named = path_of(initial) if isinstance(initial, str) else "another network"
     return f"fine-tuned from {named}"
 
 

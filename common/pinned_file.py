@@ -22,12 +22,17 @@ def path_of(name: str) -> Path:
     return Path(name.partition(_MARK)[0])
 
 
+def with_hash(name: str, sha256: str) -> str:
+    """Returns ``name`` with the hash of its content."""
+    return f"{name}{_MARK}{sha256}"
+
+
 def pin(name: str) -> str:
     """Returns ``name`` with the hash of the file's present content, or unchanged if it has a hash.
     Raises InputError as `read` does, and if the path is too long to travel with the hash."""
     if _MARK in name:
         return name
-    pinned = f"{name}{_MARK}{hashlib.sha256(read(name)).hexdigest()}"
+    pinned = with_hash(name, hashlib.sha256(read(name)).hexdigest())
     if (over := len(pinned) - MAX_TEXT) > 0:
         raise InputError(
             f"the path {name} is too long by {over} characters for a run's settings: name the "

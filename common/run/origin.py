@@ -10,6 +10,7 @@ from typing import Any
 from safetensors import SafetensorError, safe_open
 
 from common.errors import InputError, cannot_read, choice
+from common.pinned_file import with_hash
 from common.run.folder import RunFolder
 from common.settings.conditions import PlayConfig
 from common.settings.config import RunConfig
@@ -102,7 +103,7 @@ def identity_of(weights: Path) -> str:
     named = real.stem if real.parent == SHIPPED.resolve() else "/".join(real.parts[-2:])
     try:
         with weights.open("rb") as file:
-            return f"{named}#sha256={hashlib.file_digest(file, 'sha256').hexdigest()}"
+            return with_hash(named, hashlib.file_digest(file, "sha256").hexdigest())
     except OSError as error:
         raise cannot_read(weights, error) from None
 

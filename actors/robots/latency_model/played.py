@@ -33,7 +33,11 @@ def played(folder: Path, robot: str, robot_settings: str) -> list[Recording]:
     """
     dataset = Dataset(folder)
     _check(folder, dataset.config, robot, robot_settings)
-    return [_game(rows, dataset.config) for rows in dataset.read()]
+    try:
+        # The keys of a single step are not known.
+        return [_game(each, dataset.config) for each in dataset.read() if len(each["actions"]) > 1]
+    except ValueError as error:
+        raise InputError(f"{folder} {error}.") from None
 
 
 def _check(folder: Path, config: RunConfig, robot: str, robot_settings: str) -> None:
@@ -50,21 +54,25 @@ def _check(folder: Path, config: RunConfig, robot: str, robot_settings: str) -> 
             f"--play.vector-key-frames {AGENT_STEP} or more."
         )
     for name in ("actuation_latency", "actuation_jitter", "equal_latency"):
-        if getattr(play, name):
+        if getattr(play, name) or getattr(config.randomise, name, 0):
             raise InputError(
                 f"{folder} was played with late commands: record games without "
-                f"--play.{name.replace('_', '-')}."
+                f"--play.{name.replace('_', '-')} and its range."
             )
 
 
 def _game(rows: Rows, config: RunConfig) -> Recording:
+    """Raises ValueError with what is wrong of the rows."""
     if (rows["elapsed"] != 1).any():
-        raise InputError("a recorded game waited for its keys: record without --wait-action.")
+        raise ValueError("has a game that waited for its keys: record without --wait-action")
     play = config.play
     actions = MINIMAL_ACTIONS[config.game] if play.minimal_actions else range(len(KEYS_OF_ACTION))
     # What a step's hands held is in the vector of the next state, so the last step's is unknown.
-    end = vector_widths(play, 0).commands + vector_widths(play, 0).keys
+    widths = vector_widths(play, 0)
+    end = widths.commands + widths.keys
     newest = rows["vectors"][1:, end - AGENT_STEP * len(KEYS) : end]
+    if rows["actions"].max() >= len(actions) or not np.isin(newest, (0, 1)).all():
+        raise ValueError("is damaged: an action or a key is none of the game's; record again")
     pressed = newest.reshape(-1, len(KEYS)).astype(np.int64) @ np.array(KEYS)
     wanted = np.array(actions)[rows["actions"][:-1]].repeat(AGENT_STEP)
     held = np.array([action_of_keys(keys) for keys in pressed.tolist()], np.int64)

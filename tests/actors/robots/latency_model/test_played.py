@@ -17,11 +17,13 @@ from actors.robots.latency_model import fit
 from actors.robots.latency_model.played import played
 from actors.robots.latency_model.recording import Recording, inputs
 from actors.robots.latency_model.weights import COMMANDS, ModelWeights
+from common.dataset.reader import Dataset
 from common.errors import InputError
 from common.network import build_network
 from common.pinned_file import pin
 from common.settings.config import RunConfig
 from common.settings.presets import PRESETS
+from common.settings.ranges import NOTHING_DRAWN, RandomiseConfig
 from tests.actors.robots.latency_model.models import Arrays, delay, drawn, saved
 from viewer.recorder import Recorder
 
@@ -32,10 +34,16 @@ PLAY = replace(
 WEIGHTS = ModelWeights(**delay(5))  # type: ignore[arg-type]
 
 
-def games(folder: Path, robot: str, steps: int = 120, **others: Any) -> RunConfig:
+def games(
+    folder: Path,
+    robot: str,
+    steps: int = 120,
+    randomise: RandomiseConfig = NOTHING_DRAWN,
+    **others: Any,
+) -> RunConfig:
     """Records random play by the hands of ``robot``, in games of 60 steps."""
     changed: dict[str, Any] = {"max_game_frames": 240, "robot": robot} | others
-    config = replace(PRESETS["fast"], play=replace(PLAY, **changed))
+    config = replace(PRESETS["fast"], play=replace(PLAY, **changed), randomise=randomise)
     rng = np.random.default_rng(0)
     policy = Policy(build_network(config, config.action_count), config.action_count, rng)
     env = make_env(config, training=True)
@@ -91,6 +99,40 @@ def test_a_model_learns_from_random_commands_and_from_games(
     assert len(of_games) >= 2
     assert of_games[0].known_from == COMMANDS
     assert (of_commands.known_from, len(of_commands.held)) == (0, 200)
+
+
+def test_drawn_latency_is_refused_as_a_constant_one(tmp_path: Path) -> None:
+    robot = pin(saved(tmp_path / "arm.npz", delay(1)))
+    games(tmp_path / "d", robot, 40, randomise=RandomiseConfig(actuation_latency=3))
+    with pytest.raises(InputError, match=r"without --play.actuation-latency and its range"):
+        played(tmp_path / "d", robot, "rate=60")
+
+
+@pytest.mark.parametrize(
+    ("column", "value", "words"),
+    [
+        ("actions", 6, "d is damaged: an action or a key"),
+        ("vectors", 0.5, "d is damaged: an action or a key"),
+        ("vectors", np.nan, "d is damaged: an action or a key"),
+        ("elapsed", 2, "d has a game that waited for its keys: record without --wait-action"),
+    ],
+)
+def test_rows_that_cannot_be_are_one_sentence(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, column: str, value: float, words: str
+) -> None:
+    robot = pin(saved(tmp_path / "arm.npz", delay(1)))
+    games(tmp_path / "d", robot, 40)
+    (rows,) = Dataset(tmp_path / "d").read()
+    rows[column][-1] = value
+    monkeypatch.setattr(Dataset, "read", lambda dataset: iter([rows]))
+    with pytest.raises(InputError, match=words):
+        played(tmp_path / "d", robot, "rate=60")
+
+
+def test_a_game_of_one_step_tells_nothing(tmp_path: Path) -> None:
+    robot = pin(saved(tmp_path / "arm.npz", delay(1)))
+    games(tmp_path / "d", robot, 1)
+    assert played(tmp_path / "d", robot, "rate=60") == []
 
 
 @pytest.mark.parametrize(
