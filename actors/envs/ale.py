@@ -57,9 +57,9 @@ class AtariEnv(GameEnv):
                 latency model.
         """
         console = AtariGame(game, play, camera, randomise, training=training)
-        model = LatencyModel.of_play(play) if play.latency_model else None
+        self._model = LatencyModel.of_play(play) if play.latency_model else None
         # Only a robot's controller may be read once per agent step.
-        world = World(model, console, replace(play, read_keys="frame"))
+        world = World(self._model, console, replace(play, read_keys="frame"))
         super().__init__(console, world, play, render_mode)
         self._camera: FrameCamera | None = None
 
@@ -85,6 +85,8 @@ class AtariEnv(GameEnv):
         """Begins an episode, whose first state repeats its first frame."""
         if self._begin_episode(seed, options):
             play, camera = self.conditions
+            if self._model is not None:
+                self._model.begin_game(self.np_random)
             self._world.begin_game(play, self.np_random)
             self._camera = None
             if camera != PERFECT_CAMERA:

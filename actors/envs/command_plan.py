@@ -17,9 +17,10 @@ from numpy.typing import NDArray
 from actors.envs.hand_timing import HandLatency, key_latencies
 from actors.envs.key_forecast import LONGEST
 from actors.robots.latency_model.model import LatencyModel
-from actors.robots.latency_model.weights import ACTIONS, COMMANDS, ROW, ModelWeights, read_weights
+from actors.robots.latency_model.weights import ACTIONS, COMMANDS, ROW, ModelWeights, read_copies
 from common.actions import Keys
 from common.errors import InputError
+from common.pinned_file import path_of
 from common.settings.conditions import FRAMES_PER_SECOND, PlayConfig
 
 _OPEN = 6
@@ -46,7 +47,7 @@ class CommandPlan:
     """
 
     def __init__(self, weights: ModelWeights) -> None:
-        timed = key_latencies(LatencyModel(weights, FRAMES_PER_SECOND), ~Keys.NONE)
+        timed = key_latencies(LatencyModel([weights], FRAMES_PER_SECOND), ~Keys.NONE)
         # A model may know nothing of keys that were never commanded where it was learned.
         self._own = {key: latency for key, latency in timed.items() if max(latency) < LONGEST}
         self._soonest = min(map(min, self._own.values()), default=0)
@@ -68,8 +69,16 @@ class CommandPlan:
     @classmethod
     def of_play(cls, play: PlayConfig) -> Self | None:
         """Returns the plan by the model in the file ``play.hands_model``, or None without one.
-        Raises InputError as `read_weights` does."""
-        return cls(read_weights(play.hands_model)) if play.hands_model else None
+        Raises InputError as `read_copies` does, and if the file holds several copies."""
+        if not play.hands_model:
+            return None
+        weights, *others = read_copies(play.hands_model)
+        if others:
+            raise InputError(
+                f"{path_of(play.hands_model)} holds {1 + len(others)} copies of the hands, and a "
+                "plan needs one: make it with 'fit --copies 1'."
+            )
+        return cls(weights)
 
     @property
     def frames(self) -> int:

@@ -24,10 +24,11 @@ from actors.robots.latency_model.recording import Recording, inputs
 from actors.robots.latency_model.weights import (
     ACTIONS,
     COMMANDS,
+    MAX_COPIES,
     MAX_HIDDEN,
     ROW,
     ModelWeights,
-    write_weights,
+    write_copies,
 )
 from common.actions import KEYS_OF_ACTION, Keys, action_of_keys
 from common.atomic_file import check_new_file
@@ -73,8 +74,11 @@ class FitOptions:
     """Number of agent steps for which the hands are commanded; 20,000 are 22 minutes of a robot."""
     hidden: Annotated[int, Ge(1), Le(MAX_HIDDEN)] = 256
     """Number of hidden units."""
+    copies: Annotated[int, Ge(1), Le(MAX_COPIES)] = 1
+    """Number of models in the file, which learn the same from other first weights. Each game is
+    then played by one of them, so that a policy does not learn by the faults of one."""
     seed: Annotated[int, Ge(0)] = 1
-    """Seed of the commands and the first weights."""
+    """Seed of the commands and the first weights; each further copy has the next."""
 
     def check(self) -> None:
         """Refuses what cannot work. Raises InputError."""
@@ -150,7 +154,7 @@ def fit(
 
 def differing(weights: ModelWeights, recording: Recording) -> float:
     """Returns in which share of the recorded frames the model, by itself, holds other keys."""
-    model = LatencyModel(weights, FRAMES_PER_SECOND)
+    model = LatencyModel([weights], FRAMES_PER_SECOND)
     alone = record(model, recording.wanted[::AGENT_STEP].tolist())
     return float((alone.held != recording.held).mean())
 
@@ -176,13 +180,16 @@ def run(options: FitOptions) -> None:
     with closing(robot), Progress("measuring", options.steps) as progress:
         learned += [record(robot, commands(actions, options.steps, rng), progress.update)]
         tested = record(robot, commands(actions, tests, rng))
-    with Progress("learning", UPDATES) as progress:
-        weights = fit(learned, options.hidden, options.seed, progress.update)
-    write_weights(options.output, weights)
+    copies = []
+    for copy in range(options.copies):
+        with Progress(f"learning {copy + 1} of {options.copies}", UPDATES) as progress:
+            copies.append(fit(learned, options.hidden, options.seed + copy, progress.update))
+    write_copies(options.output, copies)
     changes = int((np.diff(tested.held) != 0).sum())
+    shares = ", ".join(f"{differing(each, tested):.2%}" for each in copies)
     print(
         f"wrote {options.output}: in {len(tested.held):,} other frames with {changes:,} changes of "
-        f"keys, it holds other keys than {options.robot} in {differing(weights, tested):.2%}.\n"
+        f"keys, it holds other keys than {options.robot} in {shares}.\n"
         f"play by it: --robot {options.output} --play.robot-settings rate={FRAMES_PER_SECOND}"
     )
 

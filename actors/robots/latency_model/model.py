@@ -1,11 +1,14 @@
 """Hands modelled by a small network, which maps the last commands to what the console gets."""
 
 from collections import deque
+from collections.abc import Sequence
 from typing import Self
 
 import numpy as np
+from numpy.random import Generator
+from numpy.typing import NDArray
 
-from actors.robots.latency_model.weights import ACTIONS, COMMANDS, ROW, ModelWeights, read_weights
+from actors.robots.latency_model.weights import ACTIONS, COMMANDS, ROW, ModelWeights, read_copies
 from common.actions import KEYS_OF_ACTION, Keys, action_of_keys
 from common.settings.conditions import FRAMES_PER_SECOND, LatencyModelSettings, PlayConfig
 from common.settings.own_settings import own_settings
@@ -19,26 +22,33 @@ class LatencyModel:
     The network runs ``rate`` times a second. Its input is the present command and the last 29, each
     with the action that the console got just before: the command one-hot, then that action one-hot.
     Two dense layers with a ReLU between them give 18 numbers, and the action of the greatest is
-    held until the next run. Nothing is random. A game begins with no commands and no keys pressed.
+    held until the next run. A game begins with no commands and no keys pressed.
+
+    Of several copies of the same hands, one is drawn for each game and nothing else is random. What
+    they agree on is what the hands are known to do.
     """
 
-    def __init__(self, weights: ModelWeights, rate: int) -> None:
-        self._weights = weights
+    def __init__(self, copies: Sequence[ModelWeights], rate: int) -> None:
+        self._copies = [(each, _columns(each)) for each in copies]
+        self._weights, self._columns = self._copies[0]
         self._period = FRAMES_PER_SECOND // rate
-        # Multiplying by a one-hot vector selects one column.
-        self._columns = np.ascontiguousarray(weights.fc_weight.T).reshape(COMMANDS, ROW, -1)
         self._slots = np.arange(COMMANDS)[:, None]
         self.rest()
 
     @classmethod
     def of_play(cls, play: PlayConfig) -> Self:
-        """Returns the model in the file ``play.robot``; see `read_weights`."""
+        """Returns the model in the file ``play.robot``; see `read_copies`."""
         settings = own_settings(LatencyModelSettings, play.robot_settings)
-        return cls(read_weights(play.robot), settings.rate)
+        return cls(read_copies(play.robot), settings.rate)
 
     @property
     def held(self) -> Keys:
         return KEYS_OF_ACTION[self._taken]
+
+    def begin_game(self, rng: Generator) -> None:
+        """Draws the copy that plays the game, if there are several."""
+        if len(self._copies) > 1:
+            self._weights, self._columns = self._copies[int(rng.integers(len(self._copies)))]
 
     def rest(self) -> None:
         self._past = deque([_NOTHING] * COMMANDS, maxlen=COMMANDS)
@@ -59,3 +69,9 @@ class LatencyModel:
         hidden = self._columns[self._slots, np.array(self._past)].sum(axis=(0, 1)) + weights.fc_bias
         values = weights.pred_weight @ np.maximum(hidden, 0.0) + weights.pred_bias
         return int(values.argmax())
+
+
+def _columns(weights: ModelWeights) -> NDArray[np.float64]:
+    """Returns the first layer's columns, ``[30, 36, H]``: to multiply by a one-hot vector is to
+    select one."""
+    return np.ascontiguousarray(weights.fc_weight.T).reshape(COMMANDS, ROW, -1)

@@ -1,9 +1,11 @@
 """A robot with NAO's eye, resting arms, and a latency model in place of its hands."""
 
+from numpy.random import Generator
+
 from actors.robots.latency_model.model import LatencyModel
 from actors.robots.nao.robot import Nao
 from common.actions import Keys
-from common.settings.conditions import CameraConfig, PlayConfig
+from common.settings.conditions import CameraConfig, Conditions, PlayConfig
 
 
 class ModelledNao(Nao):
@@ -23,6 +25,10 @@ class ModelledNao(Nao):
     @property
     def held(self) -> Keys:
         return self._model.held
+
+    def begin_game(self, conditions: Conditions, rng: Generator) -> None:
+        super().begin_game(conditions, rng)
+        self._model.begin_game(rng)
 
     def rest(self) -> None:
         super().rest()

@@ -1,13 +1,15 @@
 """The file of a latency model, in the format that Physical Atari publishes.
 
 Keen Technologies' repository physical-atari-rlc (Apache 2.0) has such a file for its own robot,
-``agent_code/sim_env/robotroller_model_weights.npz``. Users bring the file, so its content is not
-trusted.
+``agent_code/sim_env/robotroller_model_weights.npz``. A file may also hold several copies of the
+same hands: each array then has a first axis more, of the copies. Users bring the file, so its
+content is not trusted.
 """
 
 import io
 import reprlib
 import zipfile
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -27,6 +29,7 @@ COMMANDS = 30
 ROW = 2 * ACTIONS
 """Numbers per command."""
 MAX_HIDDEN = 4_096
+MAX_COPIES = 16
 _NAMED = 6
 """Maximum number of wrong members that an error names."""
 _MEMBERS = ("fc_weight", "fc_bias", "pred_weight", "pred_bias")
@@ -68,15 +71,28 @@ class ModelWeights:
             object.__setattr__(self, field.name, numbers)
 
 
-def read_weights(name: str) -> ModelWeights:
-    """Returns the weights in the file that ``name`` stands for (see `common.pinned_file`).
+def read_copies(name: str) -> list[ModelWeights]:
+    """Returns the weights of each copy in the file that ``name`` stands for (see
+    `common.pinned_file`); a file of the published format holds one.
 
     Raises:
         InputError: the file cannot be read, is not the run's, or holds no latency model.
     """
     content = read(name)
     try:
-        return ModelWeights(**_arrays(content))
+        arrays = _arrays(content)
+        if arrays["fc_weight"].ndim <= 2:
+            return [ModelWeights(**arrays)]
+        copies = {len(each) if each.ndim else 0 for each in arrays.values()}
+        if len(copies) > 1 or not 1 <= min(copies) <= MAX_COPIES:
+            raise ValueError(
+                f"its arrays are of {', '.join(map(str, sorted(copies)))} copies where the same "
+                f"number is expected, from 1 to {MAX_COPIES}"
+            )
+        return [
+            ModelWeights(**dict(zip(arrays, copy, strict=True)))
+            for copy in zip(*arrays.values(), strict=True)
+        ]
     except Exception as error:  # what a damaged archive raises depends on where it is damaged
         raise InputError(
             f"{path_of(name)} holds no latency model ({error}): name an .npz file of Physical "
@@ -84,9 +100,14 @@ def read_weights(name: str) -> ModelWeights:
         ) from None
 
 
-def write_weights(file: Path, weights: ModelWeights) -> None:
-    """Writes the file of a model, in float32 as Physical Atari's."""
-    arrays: dict[str, Any] = {name: each.astype(np.float32) for name, each in vars(weights).items()}
+def write_copies(file: Path, copies: Sequence[ModelWeights]) -> None:
+    """Writes the file of a model, in float32 as Physical Atari's; a single copy in their format."""
+    arrays: dict[str, Any] = {
+        name: np.stack([vars(copy)[name] for copy in copies]).astype(np.float32)
+        for name in _MEMBERS
+    }
+    if len(copies) == 1:
+        arrays = {name: each[0] for name, each in arrays.items()}
     content = io.BytesIO()
     np.savez(content, **arrays)
     write_atomically(file, content.getvalue())

@@ -64,6 +64,11 @@ def plain(arrays: Arrays, commands: list[int]) -> list[int]:
     return actions
 
 
+def together(*copies: Arrays) -> Arrays:
+    """A file's arrays of several copies."""
+    return {name: np.stack([copy[name] for copy in copies]) for name in copies[0]}
+
+
 def saved(path: Path, arrays: Arrays) -> str:
     """Writes the file; returns its name."""
     np.savez(path, **arrays)  # type: ignore[arg-type]

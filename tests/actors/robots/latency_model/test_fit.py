@@ -1,5 +1,6 @@
 """Learning a latency model: by models whose function is known."""
 
+import re
 import sys
 from pathlib import Path
 
@@ -10,7 +11,7 @@ from actors.robots.latency_model import fit
 from actors.robots.latency_model.fit import commands, differing, record
 from actors.robots.latency_model.model import LatencyModel
 from actors.robots.latency_model.recording import Recording, inputs
-from actors.robots.latency_model.weights import ModelWeights, read_weights
+from actors.robots.latency_model.weights import ModelWeights, read_copies
 from common.errors import InputError
 from tests.actors.robots.latency_model.models import Arrays, delay, drawn, flicker, saved
 
@@ -25,7 +26,7 @@ def _few_updates(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def recorded(arrays: Arrays, steps: int, seed: int = 0) -> Recording:
     rng = np.random.default_rng(seed)
-    model = LatencyModel(ModelWeights(**arrays), 60)  # type: ignore[arg-type]
+    model = LatencyModel([ModelWeights(**arrays)], 60)  # type: ignore[arg-type]
     return record(model, commands(PONG, steps, rng))
 
 
@@ -80,7 +81,7 @@ def test_the_command_writes_a_model_and_tells_how_good_it_is(
     arguments = ["--robot", robot, "--play.robot-settings", "rate=60", "--steps", "300"]
     monkeypatch.setattr(sys, "argv", ["fit", "-o", str(file), *arguments, "--hidden", "16"])
     fit.main()
-    weights = read_weights(str(file))
+    (weights,) = read_copies(str(file))
     assert weights.fc_weight.shape == (16, 1080)
     told = capsys.readouterr().out
     assert told.startswith(f"wrote {file}: in 120 other frames with ")
@@ -90,6 +91,25 @@ def test_the_command_writes_a_model_and_tells_how_good_it_is(
     assert "%.\n" in told
 
 
+def test_several_copies_of_the_same_hands_are_written_together(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    robot, file = saved(tmp_path / "arm.npz", delay(5)), tmp_path / "model.npz"
+    arguments = ["--robot", robot, "--play.robot-settings", "rate=60", "--steps", "300"]
+    arguments += ["--hidden", "8", "--copies", "2", "--seed", "3"]
+    monkeypatch.setattr(sys, "argv", ["fit", "-o", str(file), *arguments])
+    fit.main()
+    told = capsys.readouterr().out
+    first, second = read_copies(str(file))
+    assert (first.fc_weight != second.fc_weight).any()
+    assert re.search(r"in \d+\.\d\d%, \d+\.\d\d%\.\n", told)
+    # The first is as if it were alone.
+    monkeypatch.setattr(sys, "argv", ["fit", "-o", str(file), *arguments, "--copies", "1"])
+    fit.main()
+    (alone,) = read_copies(str(file))
+    assert (alone.fc_weight == first.fc_weight).all()
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
@@ -97,6 +117,7 @@ def test_the_command_writes_a_model_and_tells_how_good_it_is(
         (["--robot", "nobody"], "there is no robot 'nobody'"),
         (["--robot", "nao", "--play.robot-settings", "a=1"], "nao has no settings of its own"),
         (["--hidden", "0"], "hidden"),
+        (["--copies", "17"], "copies"),
     ],
 )
 def test_what_cannot_be_measured_is_refused_and_leaves_no_file(

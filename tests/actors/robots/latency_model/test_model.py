@@ -16,7 +16,7 @@ NONE, UP, FIRE = Keys.NONE, Keys.UP, Keys.FIRE
 
 
 def hands(arrays: Arrays, rate: int = 30) -> LatencyModel:
-    return LatencyModel(ModelWeights(**arrays), rate)  # type: ignore[arg-type]
+    return LatencyModel([ModelWeights(**arrays)], rate)  # type: ignore[arg-type]
 
 
 def pressed(model: LatencyModel, *commands: Keys, frames: int = 2) -> list[Keys]:
@@ -96,3 +96,22 @@ def test_its_latency_is_measured_as_of_any_hands(tmp_path: Path) -> None:
         assert latency.unreached == 0
         # In play, commands from before the old one are still on their way.
         assert {each.strayed for each in found if each.settled} == {False}
+
+
+def test_of_several_copies_one_plays_each_game() -> None:
+    model = LatencyModel([ModelWeights(**delay(late)) for late in (0, 2, 5)], 60)  # type: ignore[arg-type]
+    rng = np.random.default_rng(0)
+    played = []
+    for _ in range(30):
+        model.begin_game(rng)
+        for _ in range(2):  # a game may put its hands at rest again
+            model.rest()
+            found = pressed(model, *[UP] * 6, frames=1)
+        played.append(found.index(UP))
+    assert {late: played.count(late) > 4 for late in set(played)} == dict.fromkeys((0, 2, 5), True)
+
+
+def test_a_single_copy_draws_nothing() -> None:
+    rng = np.random.default_rng(0)
+    hands(delay(0)).begin_game(rng)
+    assert rng.random() == np.random.default_rng(0).random()

@@ -9,13 +9,14 @@ import pytest
 from actors.envs import make_env
 from actors.envs.ale import AtariEnv
 from actors.envs.robot import RobotEnv
+from actors.robots.latency_model.model import LatencyModel
 from actors.robots.nao.robot import Nao
 from common.actions import KEYS_OF_ACTION
 from common.errors import InputError
 from common.run.rules import check_config
 from common.settings.conditions import CameraConfig, PlayConfig
 from common.settings.presets import PRESETS
-from tests.actors.robots.latency_model.models import delay, drawn, plain, saved
+from tests.actors.robots.latency_model.models import delay, drawn, plain, saved, together
 
 
 def test_it_sees_what_nao_sees_and_its_arms_rest(tmp_path: Path) -> None:
@@ -102,3 +103,32 @@ def test_added_latency_comes_on_top_and_each_game_begins_at_rest(tmp_path: Path)
         # A command of every agent step arrives with the next, and its keys with the one after.
         matched = [env.step(action)[-1]["keys_match"] for action in (2, 2, 2, 0, 0, 5)]
         assert matched == [False, False, True, False, False, False]
+
+
+def test_robot_and_emulator_alone_draw_the_same_copy_for_a_game(tmp_path: Path) -> None:
+    robot = saved(tmp_path / "m.npz", together(delay(0), delay(2)))
+    play = PlayConfig(robot=robot, random_starts=0, eye="emulator")
+    envs = RobotEnv("pong", play=play), AtariEnv("pong", play=play)
+    at_once = []
+    for seed in range(6):
+        played = []
+        for env in envs:
+            env.reset(seed=seed)
+            played.append([env.step(action)[-1]["keys_match"] for action in (2, 2, 5, 5)])
+        assert played[0] == played[1]
+        at_once.append(played[0][0])
+    assert set(at_once) == {False, True}
+    envs[0].close()
+
+
+def test_a_lost_life_changes_no_hands(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    games = []
+    monkeypatch.setattr(LatencyModel, "begin_game", lambda self, rng: games.append(rng))
+    robot = saved(tmp_path / "m.npz", together(delay(0), delay(2)))
+    env = AtariEnv("breakout", play=PlayConfig(robot=robot, minimal_actions=True), training=True)
+    for _ in range(6):  # the fifth life is the last
+        env.reset()
+        terminated = False
+        while not terminated:
+            _, _, terminated, _, _ = env.step(1)
+    assert len(games) == 2

@@ -10,17 +10,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from actors.robots.latency_model.weights import read_weights
+from actors.robots.latency_model.weights import MAX_COPIES, ModelWeights, read_copies, write_copies
 from common.errors import InputError
 from common.pinned_file import MAX_BYTES, pin
-from tests.actors.robots.latency_model.models import Arrays, drawn, saved
+from tests.actors.robots.latency_model.models import Arrays, drawn, saved, together
 
 
 @pytest.mark.parametrize("dtype", [np.float16, np.float32, np.float64, ">f4"])
 def test_arrays_come_back_as_float64(tmp_path: Path, dtype: str) -> None:
     arrays = {name: array.astype(dtype) for name, array in drawn(3, 1).items()}
     arrays["fc_weight"] = np.asfortranarray(arrays["fc_weight"])
-    found = read_weights(saved(tmp_path / "m.npz", arrays))
+    (found,) = read_copies(saved(tmp_path / "m.npz", arrays))
     for name, array in arrays.items():
         assert getattr(found, name).dtype == np.float64
         assert (getattr(found, name) == array).all()
@@ -28,15 +28,37 @@ def test_arrays_come_back_as_float64(tmp_path: Path, dtype: str) -> None:
 
 def test_a_compressed_file_will_do(tmp_path: Path) -> None:
     np.savez_compressed(tmp_path / "m.npz", **drawn(3, 1))  # type: ignore[arg-type]
-    assert read_weights(str(tmp_path / "m.npz")).fc_bias.shape == (3,)
+    (found,) = read_copies(str(tmp_path / "m.npz"))
+    assert found.fc_bias.shape == (3,)
+
+
+@pytest.mark.parametrize("number", [1, 3, MAX_COPIES])
+def test_copies_come_back_in_their_order(tmp_path: Path, number: int) -> None:
+    drawn_ones = [drawn(2, seed) for seed in range(number)]
+    found = read_copies(saved(tmp_path / "m.npz", together(*drawn_ones)))
+    for copy, arrays in zip(found, drawn_ones, strict=True):
+        assert all((getattr(copy, name) == array).all() for name, array in arrays.items())
+    write_copies(tmp_path / "again.npz", found)
+    again = read_copies(str(tmp_path / "again.npz"))
+    for copy, before in zip(again, found, strict=True):
+        assert all((getattr(copy, name) == array).all() for name, array in vars(before).items())
+
+
+def test_a_single_copy_is_written_in_the_published_format(tmp_path: Path) -> None:
+    arrays = drawn(3, 1)
+    write_copies(tmp_path / "m.npz", [ModelWeights(**arrays)])  # type: ignore[arg-type]
+    with np.load(tmp_path / "m.npz") as written:
+        assert {name: written[name].shape for name in written} == {
+            name: array.shape for name, array in arrays.items()
+        }
 
 
 def test_a_file_that_is_not_the_runs_is_refused(tmp_path: Path) -> None:
     name = pin(saved(tmp_path / "m.npz", drawn(3, 1)))
-    assert read_weights(name).fc_bias.shape == (3,)
+    assert len(read_copies(name)) == 1
     saved(tmp_path / "m.npz", drawn(3, 2))
     with pytest.raises(InputError, match="is not the run's"):
-        read_weights(name)
+        read_copies(name)
 
 
 def test_an_archive_of_many_members_or_odd_names_is_told_in_a_few_words(tmp_path: Path) -> None:
@@ -45,7 +67,7 @@ def test_an_archive_of_many_members_or_odd_names_is_told_in_a_few_words(tmp_path
             for name in names:
                 archive.writestr(name, b"")
         with pytest.raises(InputError, match=r"m\.npz holds no latency model") as error:
-            read_weights(str(tmp_path / "m.npz"))
+            read_copies(str(tmp_path / "m.npz"))
         assert len(f"{error.value}") < 400
         assert f"{error.value}".isprintable()
 
@@ -73,6 +95,25 @@ WRONG: list[tuple[Arrays, str]] = [
     (changed(pred_bias=np.array([{}] * 18, object)), "allow_pickle"),
     ({"fc_weight": drawn(3, 1)["fc_weight"]}, "its members are 'fc_weight.npy'"),
     (changed(rate=np.zeros(1)), "its members are .*'rate.npy'"),
+    (
+        {**together(drawn(3, 1), drawn(3, 2)), "pred_bias": np.zeros((3, 18), np.float32)},
+        "its arrays are of 2, 3 copies where the same number is expected, from 1 to 16",
+    ),
+    (together(*[drawn(1, 1)] * 17), "of 17 copies where"),
+    ({name: each[:0] for name, each in together(drawn(1, 1)).items()}, "of 0 copies where"),
+    (
+        {**together(drawn(3, 1)), "pred_bias": np.array(1, np.float32)},
+        "its arrays are of 0, 1 copies where",
+    ),
+    (
+        {**together(drawn(3, 1)), "pred_bias": np.zeros((1, 6), np.float32)},
+        r"pred_bias has shape \[6\] where .*\[18\]",
+    ),
+    (together(together(drawn(3, 1))), r"fc_bias has shape \[1, 3\] where"),
+    (
+        together(drawn(3, 1), changed(fc_bias=np.full(3, np.nan))),
+        "fc_bias holds a number that is not within",
+    ),
 ]
 
 
@@ -80,7 +121,7 @@ WRONG: list[tuple[Arrays, str]] = [
 def test_arrays_that_are_no_latency_model(tmp_path: Path, arrays: Arrays, words: str) -> None:
     name = saved(tmp_path / "m.npz", arrays)
     with pytest.raises(InputError, match=words) as error:
-        read_weights(name)
+        read_copies(name)
     assert str(error.value).startswith(f"{name} holds no latency model (")
     assert "name an .npz file of Physical Atari's format" in str(error.value)
 
@@ -91,7 +132,7 @@ def test_a_small_file_that_unpacks_to_a_large_one(tmp_path: Path) -> None:
             archive.writestr(f"{name}.npy", bytes(2**25))
     assert (tmp_path / "m.npz").stat().st_size < 2**20
     with pytest.raises(InputError, match="unpacked it is larger than 67,108,864 bytes"):
-        read_weights(str(tmp_path / "m.npz"))
+        read_copies(str(tmp_path / "m.npz"))
 
 
 def test_a_header_that_promises_more_than_there_is(tmp_path: Path) -> None:
@@ -104,7 +145,7 @@ def test_a_header_that_promises_more_than_there_is(tmp_path: Path) -> None:
             np.lib.format.write_array_header_1_0(member, described)
             archive.writestr(f"{name}.npy", member.getvalue() + array.tobytes())
     with pytest.raises(InputError, match="holds no latency model"):
-        read_weights(str(tmp_path / "m.npz"))
+        read_copies(str(tmp_path / "m.npz"))
 
 
 _WHOLE = io.BytesIO()
@@ -126,12 +167,12 @@ def test_a_damaged_file_is_a_model_or_is_refused(
     path = tmp_path_factory.getbasetemp() / "damaged.npz"
     path.write_bytes(content[:cut] if not damage else content)
     with suppress(InputError):
-        assert np.isfinite(read_weights(str(path)).fc_weight).all()
+        assert all(np.isfinite(each.fc_weight).all() for each in read_copies(str(path)))
 
 
 def test_what_is_no_archive(tmp_path: Path) -> None:
     for content in (b"", b"\x80\x04K\x01.", b"PK\x03\x04"):
         (tmp_path / "m.npz").write_bytes(content)
         with pytest.raises(InputError, match="holds no latency model"):
-            read_weights(str(tmp_path / "m.npz"))
+            read_copies(str(tmp_path / "m.npz"))
     assert MAX_BYTES == 2**26
