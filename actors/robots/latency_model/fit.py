@@ -43,9 +43,9 @@ from common.registry import ROBOTS
 from common.settings.conditions import FRAMES_PER_SECOND, CameraConfig, PlayConfig
 from common.settings.own_settings import ROBOT, check_own_settings
 
-_HELD = (1, 2, 4, 12)
-"""Mean numbers of agent steps for which a command is held, one in each fourth of the steps: where
-commands are long, hands come to rest; where they are short, each meets the one before."""
+_HELD = (1, 2)
+"""Mean numbers of agent steps for which a command is held, one in each half of the steps: as short
+as those of a policy, which changes its command in most agent steps."""
 _TESTED = 0.1
 """Further steps on which the model is tested, as a share of those from which it learns."""
 UPDATES = 3_000
