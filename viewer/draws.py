@@ -110,7 +110,7 @@ def tile(env: ShownEnv[Any, Any], frame: NDArray[np.uint8]) -> NDArray[np.uint8]
 
 def told(conditions: Conditions) -> list[str]:
     """Returns the conditions in four lines of text."""
-    play, camera = conditions
+    play, camera, _ = conditions
     return [
         f"latency {play.actuation_latency} frames, jitter {play.actuation_jitter}, "
         f"arm x{play.arm_speed:.2f}, keys x{play.key_threshold:.2f}, sticky {play.sticky:.2f}",

@@ -84,9 +84,9 @@ class AtariEnv(GameEnv):
     ) -> tuple[Observation, dict[str, Any]]:
         """Begins an episode, whose first state repeats its first frame."""
         if self._begin_episode(seed, options):
-            play, camera = self.conditions
+            play, camera, copy = self.conditions
             if self._model is not None:
-                self._model.begin_game(self.np_random)
+                self._model.take_copy(copy)
             self._world.begin_game(play, self.np_random)
             self._camera = None
             if camera != PERFECT_CAMERA:

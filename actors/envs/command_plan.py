@@ -17,10 +17,16 @@ from numpy.typing import NDArray
 from actors.envs.hand_timing import HandLatency, key_latencies
 from actors.envs.key_forecast import LONGEST
 from actors.robots.latency_model.model import LatencyModel
-from actors.robots.latency_model.weights import ACTIONS, COMMANDS, ROW, ModelWeights, read_copies
+from actors.robots.latency_model.weights import (
+    ACTIONS,
+    COMMANDS,
+    ROW,
+    ModelWeights,
+    check_one_copy,
+    read_weights,
+)
 from common.actions import Keys
 from common.errors import InputError
-from common.pinned_file import path_of
 from common.settings.conditions import FRAMES_PER_SECOND, PlayConfig
 
 _OPEN = 6
@@ -69,16 +75,11 @@ class CommandPlan:
     @classmethod
     def of_play(cls, play: PlayConfig) -> Self | None:
         """Returns the plan by the model in the file ``play.hands_model``, or None without one.
-        Raises InputError as `read_copies` does, and if the file holds several copies."""
+        Raises InputError as `read_weights` does, for the file of the hands themselves too."""
         if not play.hands_model:
             return None
-        weights, *others = read_copies(play.hands_model)
-        if others:
-            raise InputError(
-                f"{path_of(play.hands_model)} holds {1 + len(others)} copies of the hands, and a "
-                "plan needs one: make it with 'fit --copies 1'."
-            )
-        return cls(weights)
+        check_one_copy(play)  # of several, some may be quicker than the plan's
+        return cls(read_weights(play.hands_model))
 
     @property
     def frames(self) -> int:

@@ -84,7 +84,13 @@ class AtariGame:
         new = seeded or bool(options.get("new_game")) or not self._carries_on
         if new:
             difficulty = from_mapping(Fraction, options.get("difficulty", 1.0), "difficulty")
-            self.conditions = draw(*self._usual, self._randomise, rng.random, difficulty)
+            self.conditions = draw(
+                self._usual.play, self._usual.camera, self._randomise, rng.random, difficulty
+            )
+            if self._play.latency_model:
+                # By a generator of its own, so that a file of one copy changes no other draw.
+                copy = int(rng.spawn(1)[0].integers(2**31))
+                self.conditions = self.conditions._replace(copy=copy)
             self.start_anew(rng, power_on=seeded)
         else:
             self.carry_on()

@@ -19,6 +19,7 @@ from actors.envs.latency_equaliser import LatencyEqualiser
 from actors.robots.interface import Hands
 from actors.robots.latency import hold
 from actors.robots.latency_model.fit import commands
+from actors.robots.latency_model.weights import check_one_copy
 from benchmarks.report import BenchmarkOptions, Numbers, Report, main
 from common.actions import KEYS_OF_ACTION, Keys
 from common.checked import FromOne
@@ -69,10 +70,10 @@ def measure(options: Options) -> Report:
     keys = [KEYS_OF_ACTION[action] for action in MINIMAL_ACTIONS[options.game]]
     rows = []
     # All are made at once: an unknown or damaged one is told before the minutes of the others.
-    robots = [
-        ROBOTS.make(name, SCREEN_SHAPE, CameraConfig(), _play(name, options.model_rate))
-        for name in options.robots
-    ]
+    plays = [_play(name, options.model_rate) for name in options.robots]
+    for play in plays:
+        check_one_copy(play)
+    robots = [ROBOTS.make(each.robot, SCREEN_SHAPE, CameraConfig(), each) for each in plays]
     told = [random_commands(keys, every, options.steps, options.seed) for every in options.every]
     equal = (options.latency, options.gap)
     plan = CommandPlan.of_play(PlayConfig(hands_model=options.hands_model))

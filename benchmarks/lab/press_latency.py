@@ -16,6 +16,7 @@ from annotated_types import Ge
 from numpy.typing import NDArray
 
 from actors.robots.latency import FRAME_MS, GOAL, Change, Latency, changes
+from actors.robots.latency_model.weights import check_one_copy
 from benchmarks.report import BenchmarkOptions, Report, Table, main
 from common.actions import KEYS_OF_ACTION
 from common.checked import FromOne
@@ -90,6 +91,7 @@ def sentences(latency: Latency, settled: Latency, unsettled: Latency) -> list[st
 
 def measure(options: Options) -> Report:
     play = PlayConfig(robot=options.robot)
+    check_one_copy(play)
     robot = ROBOTS.make(options.robot, SCREEN_SHAPE, CameraConfig(), play)
     found = list(changes(robot, options.repetitions, options.seed))
     robot.close()

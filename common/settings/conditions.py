@@ -90,8 +90,8 @@ class PlayConfig:
     robot: Annotated[str, tyro.conf.arg(aliases=["--robot"])] = "nao"
     """Robot of --env robot: 'nao', 'robotroller', a registered robot, or FILE.npz, which is NAO
     with a latency model in place of its hands, in the format of Physical Atari. The emulator alone
-    follows such a model too. The run stores the file's SHA-256; each process needs the same
-    file."""
+    follows such a model too; of several copies in the file, each game is played by one. The run
+    stores the file's SHA-256; each process needs the same file."""
     robot_settings: LongText = ""
     """Settings that a robot declares for itself, such as 'rate=60' of a latency model; the help of
     all flags lists them beside --robot NAME."""
@@ -202,3 +202,5 @@ class Conditions(NamedTuple):
 
     play: PlayConfig
     camera: CameraConfig
+    copy: int = 0
+    """Number that chooses one of several copies of the hands in the file of a latency model."""

@@ -26,14 +26,17 @@ from actors.robots.latency_model.weights import (
     COMMANDS,
     MAX_COPIES,
     MAX_HIDDEN,
+    MAX_UNITS,
     ROW,
     ModelWeights,
+    check_one_copy,
     write_copies,
 )
 from common.actions import KEYS_OF_ACTION, Keys, action_of_keys
 from common.atomic_file import check_new_file
 from common.checked import FromOne
 from common.command_line.parser import parse
+from common.errors import InputError
 from common.games import MINIMAL_ACTIONS, SCREEN_SHAPE, check_game
 from common.pinned_file import pin
 from common.process.extras import extra_for
@@ -41,6 +44,7 @@ from common.process.program_end import exit_on_input_error
 from common.process.progress import Progress
 from common.registry import ROBOTS
 from common.settings.conditions import FRAMES_PER_SECOND, CameraConfig, PlayConfig
+from common.settings.config import Seed
 from common.settings.own_settings import ROBOT, check_own_settings
 
 _HELD = (1, 2)
@@ -77,13 +81,21 @@ class FitOptions:
     copies: Annotated[int, Ge(1), Le(MAX_COPIES)] = 1
     """Number of models in the file, which learn the same from other first weights. Each game is
     then played by one of them, so that a policy does not learn by the faults of one."""
-    seed: Annotated[int, Ge(0)] = 1
+    seed: Seed = 1
     """Seed of the commands and the first weights; each further copy has the next."""
 
     def check(self) -> None:
         """Refuses what cannot work. Raises InputError."""
         check_game(self.game)
         check_own_settings(ROBOTS.find(self.robot), self.robot_settings, ROBOT.text)
+        check_one_copy(PlayConfig(robot=self.robot))
+        if self.output.suffix != ".npz":
+            raise InputError(f"{self.output} is no .npz file: name one, such as hands.npz.")
+        if self.copies * self.hidden > MAX_UNITS:
+            raise InputError(
+                f"{self.copies} copies of {self.hidden:,} hidden units are more than a file may "
+                f"hold: choose at most {MAX_UNITS // self.copies:,} of them (--hidden)."
+            )
         check_new_file(self.output)
 
 

@@ -2,10 +2,9 @@
 
 from collections import deque
 from collections.abc import Sequence
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
-from numpy.random import Generator
 from numpy.typing import NDArray
 
 from actors.robots.latency_model.weights import ACTIONS, COMMANDS, ROW, ModelWeights, read_copies
@@ -16,21 +15,35 @@ from common.settings.own_settings import own_settings
 _NOTHING = (0, ACTIONS)
 
 
+class _Layers(NamedTuple):
+    """The weights of one copy, arranged for one-hot inputs."""
+
+    columns: NDArray[np.float64]
+    """``[30, 36, H]``: to multiply by a one-hot vector is to select one of 36."""
+    bias: NDArray[np.float64]
+    pred_weight: NDArray[np.float64]
+    pred_bias: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, weights: ModelWeights) -> Self:
+        columns = np.ascontiguousarray(weights.fc_weight.T).reshape(COMMANDS, ROW, -1)
+        return cls(columns, weights.fc_bias, weights.pred_weight, weights.pred_bias)
+
+
 class LatencyModel:
     """Implements `Hands`: keys that follow the commands as the network of ``weights`` says.
 
     The network runs ``rate`` times a second. Its input is the present command and the last 29, each
     with the action that the console got just before: the command one-hot, then that action one-hot.
     Two dense layers with a ReLU between them give 18 numbers, and the action of the greatest is
-    held until the next run. A game begins with no commands and no keys pressed.
+    held until the next run. Nothing is random. A game begins with no commands and no keys pressed.
 
-    Of several copies of the same hands, one is drawn for each game and nothing else is random. What
-    they agree on is what the hands are known to do.
+    Of several copies of the same hands one holds the keys, the first until `take_copy`.
     """
 
     def __init__(self, copies: Sequence[ModelWeights], rate: int) -> None:
-        self._copies = [(each, _columns(each)) for each in copies]
-        self._weights, self._columns = self._copies[0]
+        self._copies = [_Layers.of(each) for each in copies]
+        self._layers = self._copies[0]
         self._period = FRAMES_PER_SECOND // rate
         self._slots = np.arange(COMMANDS)[:, None]
         self.rest()
@@ -45,10 +58,9 @@ class LatencyModel:
     def held(self) -> Keys:
         return KEYS_OF_ACTION[self._taken]
 
-    def begin_game(self, rng: Generator) -> None:
-        """Draws the copy that plays the game, if there are several."""
-        if len(self._copies) > 1:
-            self._weights, self._columns = self._copies[int(rng.integers(len(self._copies)))]
+    def take_copy(self, number: int) -> None:
+        """Takes one of the copies, counted anew after the last one."""
+        self._layers = self._copies[number % len(self._copies)]
 
     def rest(self) -> None:
         self._past = deque([_NOTHING] * COMMANDS, maxlen=COMMANDS)
@@ -65,13 +77,7 @@ class LatencyModel:
         return self.held
 
     def _next(self) -> int:
-        weights = self._weights
-        hidden = self._columns[self._slots, np.array(self._past)].sum(axis=(0, 1)) + weights.fc_bias
-        values = weights.pred_weight @ np.maximum(hidden, 0.0) + weights.pred_bias
+        layers = self._layers
+        hidden = layers.columns[self._slots, np.array(self._past)].sum(axis=(0, 1)) + layers.bias
+        values = layers.pred_weight @ np.maximum(hidden, 0.0) + layers.pred_bias
         return int(values.argmax())
-
-
-def _columns(weights: ModelWeights) -> NDArray[np.float64]:
-    """Returns the first layer's columns, ``[30, 36, H]``: to multiply by a one-hot vector is to
-    select one."""
-    return np.ascontiguousarray(weights.fc_weight.T).reshape(COMMANDS, ROW, -1)

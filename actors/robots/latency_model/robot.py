@@ -28,7 +28,7 @@ class ModelledNao(Nao):
 
     def begin_game(self, conditions: Conditions, rng: Generator) -> None:
         super().begin_game(conditions, rng)
-        self._model.begin_game(rng)
+        self._model.take_copy(conditions.copy)
 
     def rest(self) -> None:
         super().rest()

@@ -22,6 +22,7 @@ from common.atomic_file import write_atomically
 from common.checked import MAX_SIZE
 from common.errors import InputError
 from common.pinned_file import MAX_BYTES, path_of, read
+from common.settings.conditions import PlayConfig
 
 ACTIONS = len(KEYS_OF_ACTION)
 COMMANDS = 30
@@ -30,6 +31,8 @@ ROW = 2 * ACTIONS
 """Numbers per command."""
 MAX_HIDDEN = 4_096
 MAX_COPIES = 16
+MAX_UNITS = MAX_BYTES // 4_400
+"""Maximum number of hidden units of all copies in a file; each has 1,099 numbers in float32."""
 _NAMED = 6
 """Maximum number of wrong members that an error names."""
 _MEMBERS = ("fc_weight", "fc_bias", "pred_weight", "pred_bias")
@@ -98,6 +101,25 @@ def read_copies(name: str) -> list[ModelWeights]:
             f"{path_of(name)} holds no latency model ({error}): name an .npz file of Physical "
             f"Atari's format, with the arrays {', '.join(_MEMBERS)}."
         ) from None
+
+
+def read_weights(name: str) -> ModelWeights:
+    """Returns the weights in a file of one copy. Raises InputError as `read_copies` does, and for a
+    file of several, none of which is the hands'."""
+    weights, *others = read_copies(name)
+    if others:
+        raise InputError(
+            f"{path_of(name)} holds {1 + len(others)} copies of the hands where one is needed: "
+            "make one by python -m actors.robots.latency_model.fit --copies 1."
+        )
+    return weights
+
+
+def check_one_copy(play: PlayConfig) -> None:
+    """Refuses hands of which there are several copies, where one pair of hands is measured. Raises
+    InputError as `read_weights` does."""
+    if play.latency_model:
+        read_weights(play.latency_model)
 
 
 def write_copies(file: Path, copies: Sequence[ModelWeights]) -> None:

@@ -385,5 +385,8 @@ def test_an_environment_plans_by_the_file_of_its_settings(tmp_path: Path) -> Non
 
 def test_several_copies_cannot_be_planned_for(tmp_path: Path) -> None:
     file = saved(tmp_path / "m.npz", together(delay(2), delay(3)))
-    with pytest.raises(InputError, match=r"m\.npz holds 2 copies of the hands, and a plan needs"):
+    with pytest.raises(InputError, match=r"m\.npz holds 2 copies of the hands where one is needed"):
         CommandPlan.of_play(PlayConfig(hands_model=pin(file)))
+    one = saved(tmp_path / "one.npz", delay(3))
+    with pytest.raises(InputError, match=r"m\.npz holds 2 copies of the hands where one is needed"):
+        CommandPlan.of_play(PlayConfig(robot=pin(file), hands_model=pin(one)))

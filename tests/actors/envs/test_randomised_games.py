@@ -58,7 +58,7 @@ def test_a_game_is_played_under_the_conditions_that_its_seed_draws(robot: RobotE
     for seed in (3, 4):
         robot.reset(seed=seed)
         rng = np.random.default_rng(seed)
-        play, camera = draw(PLAY, CameraConfig(), all_ranges("robot"), rng.random)
+        play, camera, _ = draw(PLAY, CameraConfig(), all_ranges("robot"), rng.random)
         assert settings_of(robot) == (
             pytest.approx(0.9 * play.arm_speed),
             pytest.approx(0.002 * play.key_threshold),

@@ -49,14 +49,14 @@ DRAWN = {
 def flat(conditions: Conditions) -> dict[str, Any]:
     return {
         f"{group}.{name}": value
-        for group, settings in conditions._asdict().items()
+        for group, settings in (("play", conditions.play), ("camera", conditions.camera))
         for name, value in asdict(settings).items()
     }
 
 
 def drawn(ranges: RandomiseConfig, seed: int, base: Conditions | None = None) -> dict[str, Any]:
     base = base or Conditions(PlayConfig(), PERFECT_CAMERA)
-    return flat(draw(*base, ranges, np.random.default_rng(seed).random))
+    return flat(draw(base.play, base.camera, ranges, np.random.default_rng(seed).random))
 
 
 USUAL = flat(Conditions(PlayConfig(), PERFECT_CAMERA))
@@ -127,10 +127,10 @@ def test_a_game_may_be_drawn_from_a_share_of_the_ranges() -> None:
     half = replace(half, actuation_latency=6, actuation_jitter=1, gamma=1.3, picture_latency=0)
     base = Conditions(PlayConfig(), PERFECT_CAMERA)
     for seed in range(20):
-        found = flat(draw(*base, ALL, np.random.default_rng(seed).random, 0.5))
+        found = flat(draw(base.play, base.camera, ALL, np.random.default_rng(seed).random, 0.5))
         expected = drawn(half, seed) | {"camera.latency": found["camera.latency"]}
         assert found == pytest.approx(expected)
-        none = flat(draw(*base, ALL, np.random.default_rng(seed).random, 0.0))
+        none = flat(draw(base.play, base.camera, ALL, np.random.default_rng(seed).random, 0.0))
         places = ("camera.glare_x", "camera.glare_y")
         assert none | {place: USUAL[place] for place in places} == USUAL
 
@@ -147,7 +147,10 @@ def test_a_range_of_whole_numbers_grows_without_jumps(
     """A range of 2.5 gives 0, 1 and 2 twice as often as 3."""
     base = Conditions(PlayConfig(), PERFECT_CAMERA)
     ranges = RandomiseConfig(actuation_latency=most)
-    even = [draw(*base, ranges, partial(float, u), share) for u in (np.arange(7_000) + 0.5) / 7_000]
+    even = [
+        draw(base.play, base.camera, ranges, partial(float, u), share)
+        for u in (np.arange(7_000) + 0.5) / 7_000
+    ]
     counts = np.bincount([found.play.actuation_latency for found in even]) / 7_000
     assert counts == pytest.approx(shares, abs=1e-3)
 
@@ -200,7 +203,7 @@ def test_what_is_admitted_never_draws_what_is_not(ranges: RandomiseConfig, seed:
     except InputError:
         return
     found = draw(config.play, config.camera, ranges, np.random.default_rng(seed).random)
-    for group, settings in found._asdict().items():
+    for group, settings in (("play", found.play), ("camera", found.camera)):
         from_mapping(type(settings), asdict(settings), group)
 
 

@@ -11,9 +11,9 @@ from actors.robots.latency_model import fit
 from actors.robots.latency_model.fit import commands, differing, record
 from actors.robots.latency_model.model import LatencyModel
 from actors.robots.latency_model.recording import Recording, inputs
-from actors.robots.latency_model.weights import ModelWeights, read_copies
+from actors.robots.latency_model.weights import MAX_UNITS, ModelWeights, read_copies, write_copies
 from common.errors import InputError
-from tests.actors.robots.latency_model.models import Arrays, delay, drawn, flicker, saved
+from tests.actors.robots.latency_model.models import Arrays, delay, drawn, flicker, saved, together
 
 PONG = (0, 1, 3, 4, 11, 12)
 
@@ -91,23 +91,65 @@ def test_the_command_writes_a_model_and_tells_how_good_it_is(
     assert "%.\n" in told
 
 
+def fitted(
+    monkeypatch: pytest.MonkeyPatch, folder: Path, *arguments: str
+) -> tuple[list[ModelWeights], list[tuple[int, list[int]]]]:
+    """The copies that the command writes, and the seed and commands that each learned from."""
+    seen = []
+
+    def learn(recordings: list[Recording], hidden: int, seed: int, tell: object) -> ModelWeights:
+        seen.append((seed, recordings[-1].wanted.tolist()))
+        return ModelWeights(**delay(4 + len(seen)))  # type: ignore[arg-type]
+
+    monkeypatch.setattr(fit, "fit", learn)
+    robot, file = saved(folder / "arm.npz", delay(5)), folder / "model.npz"
+    hands = ["--robot", robot, "--play.robot-settings", "rate=60"]
+    monkeypatch.setattr(sys, "argv", ["fit", "-o", str(file), *hands, *arguments])
+    fit.main()
+    return read_copies(str(file)), seen
+
+
 def test_several_copies_of_the_same_hands_are_written_together(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    robot, file = saved(tmp_path / "arm.npz", delay(5)), tmp_path / "model.npz"
-    arguments = ["--robot", robot, "--play.robot-settings", "rate=60", "--steps", "300"]
-    arguments += ["--hidden", "8", "--copies", "2", "--seed", "3"]
-    monkeypatch.setattr(sys, "argv", ["fit", "-o", str(file), *arguments])
-    fit.main()
-    told = capsys.readouterr().out
-    first, second = read_copies(str(file))
-    assert (first.fc_weight != second.fc_weight).any()
-    assert re.search(r"in \d+\.\d\d%, \d+\.\d\d%\.\n", told)
-    # The first is as if it were alone.
-    monkeypatch.setattr(sys, "argv", ["fit", "-o", str(file), *arguments, "--copies", "1"])
-    fit.main()
-    (alone,) = read_copies(str(file))
-    assert (alone.fc_weight == first.fc_weight).all()
+    copies, seen = fitted(monkeypatch, tmp_path, "--steps", "90", "--copies", "3", "--seed", "3")
+    for copy, late in zip(copies, (5, 6, 7), strict=True):
+        assert (copy.fc_weight == delay(late)["fc_weight"]).all()
+    assert [seed for seed, _ in seen] == [3, 4, 5]
+    assert all(commands == seen[0][1] for _, commands in seen)
+    # The first copy is the hands; the others hold every change a frame and two frames later.
+    told = re.search(
+        r"in 36 other frames with (\d+) changes of keys, .* in 0.00%, (\S+)%, (\S+)%\.\n",
+        capsys.readouterr().out,
+    )
+    assert told is not None
+    changes, one_late, two_late = map(float, told.groups())
+    assert one_late == pytest.approx(100 * changes / 36, abs=0.01)
+    assert two_late > one_late
+    _, others = fitted(monkeypatch, tmp_path, "--steps", "90", "--seed", "4")
+    assert others[0][1] != seen[0][1]
+
+
+def test_a_few_steps_have_a_test_too(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    fitted(monkeypatch, tmp_path, "--steps", "3")
+    assert "in 4 other frames" in capsys.readouterr().out
+
+
+def test_of_several_copies_none_is_copied(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    robot = saved(tmp_path / "arm.npz", together(delay(5), delay(6)))
+    monkeypatch.setattr(sys, "argv", ["fit", "-o", str(tmp_path / "m.npz"), "--robot", robot])
+    with pytest.raises(
+        InputError, match=r"arm\.npz holds 2 copies of the hands where one is needed"
+    ):
+        fit.main()
+
+
+def test_the_largest_file_that_is_written_can_be_read(tmp_path: Path) -> None:
+    copies = [ModelWeights(**drawn(MAX_UNITS // 4, 0))] * 4  # type: ignore[arg-type]
+    write_copies(tmp_path / "m.npz", copies)
+    assert len(read_copies(str(tmp_path / "m.npz"))) == 4
 
 
 @pytest.mark.parametrize(
@@ -118,6 +160,10 @@ def test_several_copies_of_the_same_hands_are_written_together(
         (["--robot", "nao", "--play.robot-settings", "a=1"], "nao has no settings of its own"),
         (["--hidden", "0"], "hidden"),
         (["--copies", "17"], "copies"),
+        (["--copies", "0"], "copies"),
+        (["--copies", "4", "--hidden", "4000"], "choose at most 3,813 of them"),
+        (["-o", "hands"], "hands is no .npz file"),
+        (["--seed", f"{2**63}"], "seed"),
     ],
 )
 def test_what_cannot_be_measured_is_refused_and_leaves_no_file(

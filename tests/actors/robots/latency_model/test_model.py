@@ -98,20 +98,16 @@ def test_its_latency_is_measured_as_of_any_hands(tmp_path: Path) -> None:
         assert {each.strayed for each in found if each.settled} == {False}
 
 
-def test_of_several_copies_one_plays_each_game() -> None:
-    model = LatencyModel([ModelWeights(**delay(late)) for late in (0, 2, 5)], 60)  # type: ignore[arg-type]
-    rng = np.random.default_rng(0)
-    played = []
-    for _ in range(30):
-        model.begin_game(rng)
+def test_of_several_copies_the_chosen_one_holds_the_keys() -> None:
+    copies = [drawn(7, seed) for seed in range(3)]
+    model = LatencyModel([ModelWeights(**each) for each in copies], 60)  # type: ignore[arg-type]
+    commands = np.random.default_rng(9).integers(18, size=60).tolist()
+    told = [KEYS_OF_ACTION[command] for command in commands]
+    expected = [[KEYS_OF_ACTION[each] for each in plain(copy, commands)] for copy in copies]
+    assert pressed(model, *told, frames=1) == expected[0]
+    for number in (2, 1, 0, 3, 2_000_000_000):
+        model.take_copy(number)
         for _ in range(2):  # a game may put its hands at rest again
             model.rest()
-            found = pressed(model, *[UP] * 6, frames=1)
-        played.append(found.index(UP))
-    assert {late: played.count(late) > 4 for late in set(played)} == dict.fromkeys((0, 2, 5), True)
-
-
-def test_a_single_copy_draws_nothing() -> None:
-    rng = np.random.default_rng(0)
-    hands(delay(0)).begin_game(rng)
-    assert rng.random() == np.random.default_rng(0).random()
+            assert pressed(model, *told, frames=1) == expected[number % 3]
+    assert len({tuple(each) for each in expected}) == 3

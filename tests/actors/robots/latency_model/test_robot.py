@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from actors.robots.nao.robot import Nao
 from common.actions import KEYS_OF_ACTION
 from common.errors import InputError
 from common.run.rules import check_config
-from common.settings.conditions import CameraConfig, PlayConfig
+from common.settings.conditions import PERFECT_CAMERA, CameraConfig, PlayConfig
 from common.settings.presets import PRESETS
 from tests.actors.robots.latency_model.models import delay, drawn, plain, saved, together
 
@@ -105,25 +106,74 @@ def test_added_latency_comes_on_top_and_each_game_begins_at_rest(tmp_path: Path)
         assert matched == [False, False, True, False, False, False]
 
 
-def test_robot_and_emulator_alone_draw_the_same_copy_for_a_game(tmp_path: Path) -> None:
-    robot = saved(tmp_path / "m.npz", together(delay(0), delay(2)))
-    play = PlayConfig(robot=robot, random_starts=0, eye="emulator")
-    envs = RobotEnv("pong", play=play), AtariEnv("pong", play=play)
-    at_once = []
-    for seed in range(6):
-        played = []
-        for env in envs:
-            env.reset(seed=seed)
-            played.append([env.step(action)[-1]["keys_match"] for action in (2, 2, 5, 5)])
-        assert played[0] == played[1]
-        at_once.append(played[0][0])
-    assert set(at_once) == {False, True}
+def pressed_late(env: RobotEnv | AtariEnv, seed: int) -> int:
+    """After how many agent steps of a game a command presses."""
+    env.reset(seed=seed)
+    return next(
+        late
+        for late, command in enumerate([0] * 9 + [2] * 9, -9)
+        if env.step(command)[-1]["keys_match"] and late >= 0
+    )
+
+
+@pytest.mark.parametrize("seen", ["emulator", "camera"])
+def test_robot_and_emulator_alone_draw_the_same_copy_for_a_game(tmp_path: Path, seen: Any) -> None:
+    robot = saved(tmp_path / "m.npz", together(delay(0), delay(13)))
+    play = PlayConfig(robot=robot, eye=seen)
+    noisy = CameraConfig(noise=4.0) if seen == "camera" else PERFECT_CAMERA
+    envs = RobotEnv("pong", play=play, camera=noisy), AtariEnv("pong", play=play)
+    found = [tuple(pressed_late(env, seed) for env in envs) for seed in range(8)]
+    assert set(found) == {(0, 0), (6, 6)}
+    # Games of one environment differ, too.
+    games = [pressed_late(envs[1], seed) for seed in (1, 1)]
+    assert games[0] == games[1]
+    envs[1].reset(seed=2)
+    first = [envs[1]._game.conditions.copy]
+    for _ in range(8):
+        envs[1].reset(options={"new_game": True})
+        first.append(envs[1]._game.conditions.copy)
+    assert {copy % 2 for copy in first} == {0, 1}
     envs[0].close()
 
 
+def test_copies_change_no_other_draw(tmp_path: Path) -> None:
+    one, two = (
+        saved(tmp_path / "1.npz", delay(3)),
+        saved(tmp_path / "2.npz", together(*[delay(3)] * 2)),
+    )
+    scores = []
+    for robot in (one, two):
+        env = AtariEnv("pong", play=PlayConfig(robot=robot, sticky=0.25))
+        rams = []
+        for seed in (1, None, None):
+            env.reset(seed=seed, options={"new_game": True})
+            rams.append(env.ram().tolist())
+        scores.append(rams)
+    assert scores[0] == scores[1]
+
+
+@pytest.mark.parametrize("seen", ["emulator", "camera"])
+@pytest.mark.parametrize("env", ["robot", "ale"])
+def test_the_copy_that_plays_is_the_one_that_is_timed(tmp_path: Path, env: str, seen: Any) -> None:
+    """Hands of two latencies are made equally late, whichever plays."""
+    play = PlayConfig(
+        robot=saved(tmp_path / "m.npz", together(delay(2), delay(8))), robot_settings="rate=60",
+        random_starts=0, eye=seen, equal_latency=12,
+    )  # fmt: skip
+    game = RobotEnv("pong", play=play) if env == "robot" else AtariEnv("pong", play=play)
+    copies, pressed = set(), set()
+    for seed in range(6):
+        game.reset(seed=seed)
+        copies.add(game._game.conditions.copy % 2)
+        pressed.add(tuple(game.step(2)[-1]["keys_match"] for _ in range(5)))
+    assert copies == {0, 1}
+    assert pressed == {(False, False, False, True, True)}
+    game.close()
+
+
 def test_a_lost_life_changes_no_hands(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    games = []
-    monkeypatch.setattr(LatencyModel, "begin_game", lambda self, rng: games.append(rng))
+    games: list[int] = []
+    monkeypatch.setattr(LatencyModel, "take_copy", lambda self, number: games.append(number))
     robot = saved(tmp_path / "m.npz", together(delay(0), delay(2)))
     env = AtariEnv("breakout", play=PlayConfig(robot=robot, minimal_actions=True), training=True)
     for _ in range(6):  # the fifth life is the last
@@ -132,3 +182,4 @@ def test_a_lost_life_changes_no_hands(tmp_path: Path, monkeypatch: pytest.Monkey
         while not terminated:
             _, _, terminated, _, _ = env.step(1)
     assert len(games) == 2
+    assert games[0] != games[1]

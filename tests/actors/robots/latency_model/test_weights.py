@@ -48,8 +48,8 @@ def test_a_single_copy_is_written_in_the_published_format(tmp_path: Path) -> Non
     arrays = drawn(3, 1)
     write_copies(tmp_path / "m.npz", [ModelWeights(**arrays)])  # type: ignore[arg-type]
     with np.load(tmp_path / "m.npz") as written:
-        assert {name: written[name].shape for name in written} == {
-            name: array.shape for name, array in arrays.items()
+        assert {name: (written[name].shape, written[name].dtype) for name in written} == {
+            name: (array.shape, np.float32) for name, array in arrays.items()
         }
 
 
