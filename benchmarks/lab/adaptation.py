@@ -2,25 +2,27 @@
 
 It measures how soon a policy plays as well in another world as in its own. The network plays in its
 own world and, without further training, in the other one. There it is then trained for a fixed
-number of agent steps, and plays once more. The same command resumes an interrupted training.
+number of agent steps, and plays whole games again and again meanwhile. The same command resumes an
+interrupted training.
 """
 
+import json
 import shlex
+import shutil
 from dataclasses import dataclass
+from typing import Any
 
 from benchmarks.lab.policy import (
     PlayingOptions,
     TrainingOptions,
     evaluate,
-    held_from,
-    scores_of,
     train,
 )
 from benchmarks.report import Report, Table, main
+from common.atomic_file import write_json
 from common.checked import FromOne
 from common.command_line.run_options import parse_run
 from common.registry import ENVIRONMENTS
-from common.run.epochs import EpochTable
 from common.run.folder import RunFolder
 from common.run.origin import trained_settings
 from common.settings.config import RunConfig
@@ -62,6 +64,9 @@ class Options(TrainingOptions, PlayingOptions):
     """Settings of the other world, as in --to="--camera.noise 8 --play.sticky 0.25"."""
     steps: FromOne = 20_000
     """Length of the training, in agent steps."""
+    tests: FromOne = 4
+    """Number of times that the network plays in the other world while it is trained, evenly spread;
+    the last is after it."""
     run: str = "adaptation"
     """Name of the training's run."""
 
@@ -75,51 +80,61 @@ def measure(options: Options) -> Report:
     flags = [*training_flags(trained, options.steps), *fixed, *to, *shlex.split(options.learner)]
     # Settings with which nothing could train are refused before anything is played.
     parse_run(LearnerOptions, "learner", [*flags, *initial], lambda _: None)
-    games = {
-        "own": evaluate(options.network, options.games, options.epsilon),
-        "before": evaluate(options.network, options.games, options.epsilon, to),
-    }
-    train(folder, options.steps, [*flags, *initial])
-    # The world again: an evaluation draws only from the ranges that its own flags name.
-    games["after"] = evaluate(folder.checkpoint, options.games, options.epsilon, to)
-    curve = scores_of(EpochTable(folder.epochs).rows())
-    least = games["own"]["mean"] - _NEAR
-    # An epoch has few games, so those of the last weights must confirm them.
-    reached = held_from(curve, least) if games["after"]["mean"] >= least else None
-    rows = [
-        {
-            "world": title,
-            "games": options.games,
-            "mean": games[name]["mean"],
-            "deviation": games[name]["deviation"],
-            "IQM": games[name]["iqm"],
-        }
-        for name, title in (
-            ("own", "its own"),
-            ("before", "the other, not trained anew"),
-            ("after", f"the other, after {options.steps:,} agent steps"),
-        )
-    ]
-    points = [
-        {"steps": row.total_train_steps, "minutes": row.total_time / 60, "score": mean}
-        for row, mean in curve
+    own = evaluate(options.network, options.games, options.epsilon)
+    before = evaluate(options.network, options.games, options.epsilon, to)
+    curve = [before | {"steps": 0, "minutes": 0.0}]
+    for test in range(1, options.tests + 1):
+        # The world again: an evaluation draws only from the ranges that its own flags name.
+        curve.append(_after(options, folder, test, [*flags, *initial], to))
+    reached = held_from(curve, own["mean"] - _NEAR)
+    shown = ("mean", "deviation", "iqm")
+    rows = [{"world": "its own"} | {name: own[name] for name in shown}]
+    rows += [
+        {"world": f"the other, after {each['steps']:,} agent steps", "minutes": each["minutes"]}
+        | {name: each[name] for name in shown}
+        for each in curve
     ]
     note = (
-        "it did not come to stay within two points of its own world"
+        "after all of them it was not within two points of its own world"
         if reached is None
-        else f"from {reached.total_train_steps:,} training steps and "
-        f"{reached.total_time / 60:.0f} minutes on it was within two points of its own world"
+        else f"from {reached['steps']:,} agent steps and {reached['minutes']:.1f} minutes of "
+        "training on it was within two points of its own world"
     )
-    title = f"{options.network.stem} in the world of {options.to}, ε = {options.epsilon:g}"
-    tables = [Table(title, rows)] + ([Table("training games", points)] if points else [])
+    title = (
+        f"{options.network.stem} in the world of {options.to}, ε = {options.epsilon:g}, "
+        f"{options.games} games each"
+    )
     content = {
-        "title": title,
         "flags": shlex.join(flags),
-        **games,
-        "curve": points,
-        "steps_to_own": None if reached is None else reached.total_train_steps,
+        "own": own,
+        "curve": curve,
+        "steps_to_own": None if reached is None else reached["steps"],
     }
-    return Report(tables, content, (note,))
+    return Report([Table(title, rows)], {"title": title, **content}, (note,))
+
+
+def _after(
+    options: Options, folder: RunFolder, test: int, flags: list[str], to: list[str]
+) -> dict[str, Any]:
+    """Returns the evaluation after so many of the tests' shares of the training, which goes on
+    until then."""
+    steps = options.steps * test // options.tests
+    kept = folder.path / f"after-{steps}.safetensors"
+    told = kept.with_suffix(".json")
+    if not told.exists():
+        summary = train(folder, steps, flags)
+        shutil.copyfile(folder.checkpoint, kept)
+        write_json(told, {name: summary[name] for name in ("agent_steps", "wall_seconds")})
+    known = json.loads(told.read_bytes())
+    games = evaluate(kept, options.games, options.epsilon, to)
+    return games | {"steps": known["agent_steps"], "minutes": known["wall_seconds"] / 60}
+
+
+def held_from(curve: list[dict[str, Any]], least: float) -> dict[str, Any] | None:
+    """Returns the first evaluation from which on all have a mean score of at least ``least``; None
+    if the last one has less."""
+    below = [index for index, each in enumerate(curve) if each["mean"] < least]
+    return next(iter(curve[below[-1] + 1 :] if below else curve), None)
 
 
 def training_flags(trained: RunConfig, steps: int) -> list[str]:

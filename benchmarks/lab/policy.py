@@ -104,14 +104,6 @@ def first_at(scores: Sequence[tuple[EpochRow, float]], least: float) -> EpochRow
     return next((row for row, mean in scores if mean >= least), None)
 
 
-def held_from(scores: Sequence[tuple[EpochRow, float]], least: float) -> EpochRow | None:
-    """Returns the first epoch from which on all have a mean score of at least ``least``; None if
-    the last one has less."""
-    below = [index for index, (_, mean) in enumerate(scores) if mean < least]
-    held = scores[below[-1] + 1 :] if below else scores
-    return held[0][0] if held else None
-
-
 def evaluate(
     network: Path,
     games: int,

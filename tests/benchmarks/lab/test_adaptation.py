@@ -12,14 +12,12 @@ from benchmarks.lab import adaptation
 from benchmarks.report import run
 from common.command_line.run_options import parse_run
 from common.errors import InputError
-from common.run.epochs import EpochTable
 from common.run.folder import RunFolder
 from common.run.origin import origin_of
 from common.settings.config import RunConfig
 from common.settings.presets import PRESETS
 from learner.options import LearnerOptions
 from tests.end_to_end.conftest import SMALL
-from tests.epoch_rows import epoch_row
 from tests.paths import ROOT
 
 POLICIES = ROOT / "policies"
@@ -57,7 +55,7 @@ def test_settings_that_are_unlike_the_presets_are_flags() -> None:
 
 
 class Lab:
-    """Evaluations and a training that only write down what they were asked for."""
+    """Evaluations and trainings that only write down what they were asked for."""
 
     def __init__(self, scores: Sequence[float]) -> None:
         self.scores = list(scores)
@@ -67,26 +65,16 @@ class Lab:
     def evaluate(
         self, network: Path, games: int, epsilon: float, flags: Sequence[str] = ()
     ) -> dict[str, Any]:
+        assert network.exists()
         self.played.append((network.name, tuple(flags)))
         mean = self.scores.pop(0)
-        return {"mean": mean, "deviation": 1.0, "iqm": mean}
+        return {"mean": mean, "deviation": 1.0, "iqm": mean, "steps": -1, "minutes": -1.0}
 
     def train(self, folder: RunFolder, steps: int, flags: Sequence[str]) -> dict[str, Any]:
         self.trained.append([f"{steps}", *flags])
         folder.path.mkdir(parents=True, exist_ok=True)
-        table = EpochTable(folder.epochs)
-        for epoch, score in enumerate((-19.0, 12.0, 18.5, 20.0), 1):
-            table.append(
-                replace(
-                    epoch_row(),
-                    epoch=epoch,
-                    phase="train",
-                    total_train_steps=epoch * 500,
-                    average_reward=score,
-                    total_time=120.0 * epoch,
-                )
-            )
-        return {}
+        folder.checkpoint.write_text(f"{steps}")
+        return {"agent_steps": steps + 1, "wall_seconds": 0.12 * steps, "updates": 3}
 
 
 def adapt(lab: Lab, monkeypatch: pytest.MonkeyPatch, runs: Path, *more: str) -> dict[str, Any]:
@@ -104,37 +92,56 @@ def adapt(lab: Lab, monkeypatch: pytest.MonkeyPatch, runs: Path, *more: str) -> 
 def test_report(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    lab = Lab([20.5, -20.0, 19.0])
+    lab = Lab([20.5, -20.0, 19.0, 12.0, 18.5, 18.6])
     content = adapt(lab, monkeypatch, tmp_path, "--learner=--threads 1")
     to = ("--play.press-latency", "4")
+    tests = [f"after-{steps}.safetensors" for steps in (500, 1_000, 1_500, 2_000)]
     assert lab.played == [
         ("ale_pong.safetensors", ()),
-        ("ale_pong.safetensors", to),
-        ("checkpoint.safetensors", to),
+        *((name, to) for name in ("ale_pong.safetensors", *tests)),
     ]
-    (flags,) = lab.trained
-    assert flags[0] == "2000"
-    assert flags[-2:] == ["--initial", str(POLICIES / "ale_pong.safetensors")]
-    assert "--play.press-latency" in flags
-    assert content["flags"].split() == flags[1:-2]  # those of --learner too
-    assert [content[name]["mean"] for name in ("own", "before", "after")] == [20.5, -20.0, 19.0]
-    assert content["steps_to_own"] == 1_500  # the first at 18.5 or more
-    assert [point["minutes"] for point in content["curve"]] == [2.0, 4.0, 6.0, 8.0]
-    assert "from 1,500 training steps and 6 minutes on it was within" in capsys.readouterr().out
+    assert [steps for steps, *_ in lab.trained] == ["500", "1000", "1500", "2000"]
+    for _, *flags in lab.trained:
+        assert flags[-2:] == ["--initial", str(POLICIES / "ale_pong.safetensors")]
+        assert "--play.press-latency" in flags
+        assert content["flags"].split() == flags[:-2]  # those of --learner too
+    assert content["own"]["mean"] == 20.5
+    assert [each["mean"] for each in content["curve"]] == [-20.0, 19.0, 12.0, 18.5, 18.6]
+    assert [each["steps"] for each in content["curve"]] == [0, 501, 1_001, 1_501, 2_001]
+    assert [each["minutes"] for each in content["curve"]] == [0, 1, 2, 3, 4]
+    assert content["steps_to_own"] == 1_501  # from there on all have 18.5 or more
+    assert "from 1,501 agent steps and 3.0 minutes of training on it was" in capsys.readouterr().out
+    kept = tmp_path / "adaptation" / "after-1000.safetensors"
+    assert kept.read_text() == "1000"
+
+
+def test_what_was_trained_is_not_trained_again(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    lab = Lab([20.5, -20.0, 19.0])
+    with pytest.raises(IndexError):  # as if interrupted in the second test
+        adapt(lab, monkeypatch, tmp_path)
+    again = Lab([20.5, -20.0, 19.0, 19.0, 19.0, 19.0])
+    content = adapt(again, monkeypatch, tmp_path)
+    assert [steps for steps, *_ in lab.trained] == ["500", "1000"]
+    assert [steps for steps, *_ in again.trained] == ["1500", "2000"]
+    assert content["steps_to_own"] == 501
+    assert content["curve"][1]["minutes"] == 1
 
 
 def test_a_policy_that_never_plays_as_before_is_told(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    content = adapt(Lab([30.0, -20.0, 19.0]), monkeypatch, tmp_path)
+    content = adapt(Lab([20.5, -20.0, 20.0, 20.0, 20.0, 18.4]), monkeypatch, tmp_path)
     assert content["steps_to_own"] is None
-    assert "did not come to stay within two points" in capsys.readouterr().out
+    assert "after all of them it was not within two points" in capsys.readouterr().out
 
 
-def test_a_good_epoch_is_nothing_if_the_last_weights_do_not_play_so(
+def test_a_policy_that_need_not_learn_is_told(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    assert adapt(Lab([20.5, -20.0, 18.4]), monkeypatch, tmp_path)["steps_to_own"] is None
+    content = adapt(Lab([20.5, 18.5, 19.0]), monkeypatch, tmp_path, "--tests", "1")
+    assert content["steps_to_own"] == 0
 
 
 def test_settings_with_which_nothing_can_train_are_refused_before_any_game(
@@ -164,10 +171,13 @@ def test_a_policy_is_trained_on_for_real(tmp_path: Path) -> None:
         network=POLICIES / "ale_pong.safetensors",
         to="--play.press-latency 1 --play.max-game-frames 400",
         steps=900,
+        tests=2,
         games=1,
         learner=f"{small} --threads 1",
         runs=tmp_path,
     )
-    content = adaptation.measure(options).content
-    assert content["after"]["games"] == 1
-    assert len(content["curve"]) >= 1
+    curve = adaptation.measure(options).content["curve"]
+    assert [each["games"] for each in curve] == [1, 1, 1]
+    start, half, end = (each["steps"] for each in curve)
+    assert start == 0 < 450 <= half < 900 <= end
+    assert 0 < curve[1]["minutes"] < curve[2]["minutes"]
