@@ -253,13 +253,13 @@ Plot runs: reward and mean max-Q by epoch.
     "publish": """\
 Publish a run's network as a policy, with a card of its scores.
 
-  ale-robot publish RUN -o policies/mine           the network of its best test
-  ale-robot publish RUN --last -o policies/mine    the newest, as without tests
+  ale-robot publish RUN -o policies/mine           its last weights
+  ale-robot publish RUN --best -o policies/mine    those of its best test
   ale-robot watch policies/mine.safetensors
 
   RUN                  run, by its name or folder
   -o NAME              path of both files, without suffix
-  --last               the last weights instead of those of the best test
+  --best               the weights of the best test instead of the last ones
   --replace            replace the policy that is there
   --games N            games of each of the card's three evaluations (30)
 """,

@@ -54,14 +54,15 @@ _WRITTEN_ANEW = "continue the run with --resume until it is written again"
 
 @dataclass(frozen=True)
 class Options:
-    """Publish the weights of a run's best test, or the last ones, with a card of their scores."""
+    """Publish a run's last weights, with a card of their scores."""
 
     run: tyro.conf.Positional[Path]
     """Run, or its folder."""
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
     """Path of both files, without suffix."""
-    last: bool = False
-    """Publish the last weights instead of those of the best test."""
+    best: bool = False
+    """Publish the weights of the best test instead. They are chosen by their luck, too, so the
+    card's games, which are others, score less than that test."""
     replace: bool = False
     """Replace the policy that is there."""
     games: FromOne = GAMES
@@ -116,16 +117,16 @@ def _trained(options: Options, folder: RunFolder) -> tuple[RunConfig, QNetwork, 
     config = folder.stored_config()
     assert config is not None  # or it would not be a run
     snapshots = Snapshots(folder.snapshots)
-    source = folder.checkpoint if options.last else snapshots.best
-    if not options.last and not source.exists() and folder.checkpoint.exists():
+    source = snapshots.best if options.best else folder.checkpoint
+    if options.best and not source.exists() and folder.checkpoint.exists():
         raise InputError(
             f"no test of {folder.path} has ended, so none of its networks is the best: publish the "
-            "last one by --last, or train on with an evaluator."
+            "last one without --best, or train on with an evaluator."
         )
-    for file in (source, *([] if options.last else [snapshots.best_card]), folder.summary):
+    for file in (source, *([snapshots.best_card] if options.best else []), folder.summary):
         if not file.is_file():
             raise InputError(f"{file} does not exist: continue the run until it does.")
-    test = {} if options.last else _read(snapshots.best_card)
+    test = _read(snapshots.best_card) if options.best else {}
     weights = source.read_bytes()
     # The learner writes the card first, and a copy of the run may come in between.
     if test.get("crc32", crc32(weights)) != crc32(weights):
@@ -134,7 +135,7 @@ def _trained(options: Options, folder: RunFolder) -> tuple[RunConfig, QNetwork, 
         found = decode_network_file(weights)
         network = build_network(config, count_actions_of(config, found))
         set_weights(network, found)
-        counters = counters_of(weights) if options.last else {}
+        counters = {} if options.best else counters_of(weights)
     except (LookupError, TypeError, ValueError) as error:
         raise InputError(f"{source} is damaged ({error}): {_WRITTEN_ANEW}.") from None
     summary = _read(folder.summary)
@@ -147,7 +148,7 @@ def _trained(options: Options, folder: RunFolder) -> tuple[RunConfig, QNetwork, 
     card = {name: summary[name] for name in _FROM_SUMMARY} | counters
     card["initial"] = summary.get("initial")
     card["demonstrations"] = summary.get("demonstrations", 0)
-    if not options.last:
+    if options.best:
         card |= {"snapshot": test, **_until(test, folder, config)}
     return config, network, card
 
@@ -165,7 +166,7 @@ def _until(test: dict[str, Any], folder: RunFolder, config: RunConfig) -> dict[s
             }
     raise InputError(
         f"{folder.epochs} lacks the epoch of {Snapshots(folder.snapshots).best_card}: put it back, "
-        "or publish the last weights by --last."
+        "or publish the last weights, without --best."
     )
 
 

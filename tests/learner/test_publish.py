@@ -64,7 +64,7 @@ def test_a_policy_plays_from_its_two_files_alone(
     # Each of the three evaluations starts a process for each core.
     monkeypatch.setattr("os.sched_getaffinity", lambda process: {0})
     run, output = _run(tmp_path / "small"), tmp_path / "policies" / "breakout"
-    publish(Options(run=run, output=output, games=2), threading.Event())
+    publish(Options(run=run, output=output, games=2, best=True), threading.Event())
 
     weights = output.with_suffix(".safetensors")
     card = json.loads(output.with_suffix(".json").read_text())
@@ -103,7 +103,9 @@ def test_no_conditions_are_drawn_for_the_scores_of_the_card(
         return {}
 
     monkeypatch.setattr("learner.publish.evaluate", evaluate)
-    card = publish(Options(_run(tmp_path / "small"), tmp_path / "breakout"), threading.Event())
+    card = publish(
+        Options(_run(tmp_path / "small"), tmp_path / "breakout", best=True), threading.Event()
+    )
     assert played == [replace(CONFIG, randomise=RandomiseConfig())]
     assert card["config"]["randomise"]["actuation_latency"] == 4
 
@@ -114,19 +116,22 @@ def test_the_card_tells_which_network_the_run_began_with(
     monkeypatch.setattr("learner.publish.evaluate", lambda *given, name: {})
     run = _run(tmp_path / "small")
     (run / "summary.json").write_text(json.dumps(SUMMARY | {"initial": "a/b#sha256=0"}))
-    assert publish(Options(run, tmp_path / "one"), threading.Event())["initial"] == "a/b#sha256=0"
+    assert (
+        publish(Options(run, tmp_path / "one", best=True), threading.Event())["initial"]
+        == "a/b#sha256=0"
+    )
 
 
 def test_the_epoch_of_the_best_test_must_be_known(tmp_path: Path) -> None:
     run = _run(tmp_path / "small")
     (run / "snapshots/best.json").write_text('{"epoch": 4, "train_steps": 9000}')
     with pytest.raises(InputError, match=r"epochs.csv lacks the epoch of .*best.json: put it back"):
-        publish(Options(run, tmp_path / "breakout"), threading.Event())
+        publish(Options(run, tmp_path / "breakout", best=True), threading.Event())
 
 
 @pytest.mark.parametrize("output", [".", "/", "..", "policies/.."])
 def test_an_output_without_a_name_is_refused(tmp_path: Path, output: str) -> None:
-    options = Options(_run(tmp_path / "small"), Path(output))
+    options = Options(_run(tmp_path / "small"), Path(output), best=True)
     with pytest.raises(InputError, match="names no file: give -o a name"):
         publish(options, threading.Event())
 
@@ -136,7 +141,7 @@ def test_the_runs_own_files_are_not_replaced(tmp_path: Path, output: str) -> Non
     run = _run(tmp_path / "small")
     before = {file: file.read_bytes() for file in run.rglob("*") if file.is_file()}
     with pytest.raises(InputError, match="is inside of the run: name a file outside"):
-        publish(Options(run, run / output), threading.Event())
+        publish(Options(run, run / output, best=True), threading.Event())
     assert {file: file.read_bytes() for file in run.rglob("*") if file.is_file()} == before
 
 
@@ -144,11 +149,14 @@ def test_a_run_without_a_test_is_told(tmp_path: Path) -> None:
     (file := tmp_path / "weights.safetensors").touch()
     for other in (tmp_path, file, tmp_path / "none"):
         with pytest.raises(InputError, match=f"^{other} is not a run: name one"):
-            publish(Options(run=other, output=tmp_path / "policy"), threading.Event())
+            publish(Options(run=other, output=tmp_path / "policy", best=True), threading.Event())
     (tmp_path / "begun").mkdir()
     (tmp_path / "begun/config.json").write_text(to_json(CONFIG))
     with pytest.raises(InputError, match=r"best.* continue the run until it does"):
-        publish(Options(run=tmp_path / "begun", output=tmp_path / "policy"), threading.Event())
+        publish(
+            Options(run=tmp_path / "begun", output=tmp_path / "policy", best=True),
+            threading.Event(),
+        )
 
 
 def test_a_run_goes_by_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -156,15 +164,17 @@ def test_a_run_goes_by_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     (tmp_path / "runs/begun/config.json").write_text(to_json(CONFIG))
     monkeypatch.chdir(tmp_path)
     with pytest.raises(InputError, match=r"^runs/begun/snapshots/best.* continue the run until"):
-        publish(Options(run=Path("begun"), output=tmp_path / "policy"), threading.Event())
+        publish(
+            Options(run=Path("begun"), output=tmp_path / "policy", best=True), threading.Event()
+        )
 
 
 def test_a_run_whose_tests_nobody_plays_is_published_by_its_last_network(tmp_path: Path) -> None:
     run, output = _run(tmp_path / "small"), tmp_path / "policy"
     (run / "snapshots/best.safetensors").rename(run / "checkpoint.safetensors")
-    with pytest.raises(InputError, match=r"has ended, so none .* the last one by --last, or"):
-        publish(Options(run, output), threading.Event())
-    card = publish(Options(run, output, last=True, games=1), threading.Event())
+    with pytest.raises(InputError, match=r"has ended, so none .* last one without --best, or"):
+        publish(Options(run, output, best=True), threading.Event())
+    card = publish(Options(run, output, games=1), threading.Event())
     assert output.with_suffix(".safetensors").is_file()
     assert (card["agent_steps"], card["updates"]) == (12_345, 3_000)  # all that is known
     # The learner was killed after a checkpoint that its summary does not know.
@@ -173,12 +183,12 @@ def test_a_run_whose_tests_nobody_plays_is_published_by_its_last_network(tmp_pat
     weights = {f"average.{name}": weight.contiguous() for name, weight in named.items()}
     metadata = {"state": json.dumps(state)}
     (run / "checkpoint.safetensors").write_bytes(save(weights, metadata))
-    card = publish(Options(run, output, last=True, replace=True, games=1), threading.Event())
+    card = publish(Options(run, output, replace=True, games=1), threading.Event())
     told = [card[name] for name in ("agent_steps", "updates", "wall_seconds")]
     assert told == [14_000, 3_500, 70.5]
     (run / "checkpoint.safetensors").write_bytes(save(weights, {"state": "{}"}))
     with pytest.raises(InputError, match=r"checkpoint\.safetensors is damaged \('books'\): cont"):
-        publish(Options(run, output, last=True, replace=True, games=1), threading.Event())
+        publish(Options(run, output, replace=True, games=1), threading.Event())
 
 
 def test_a_policy_that_is_there_is_replaced_only_if_asked(tmp_path: Path) -> None:
@@ -186,11 +196,11 @@ def test_a_policy_that_is_there_is_replaced_only_if_asked(tmp_path: Path) -> Non
     for file in (output.with_suffix(".safetensors"), output.with_suffix(".json")):
         file.write_text("another")
         with pytest.raises(InputError, match=rf"^{file} is there already: add --replace, or name"):
-            publish(Options(run, output), threading.Event())
+            publish(Options(run, output, best=True), threading.Event())
         assert file.read_text() == "another"
         file.unlink()
     output.with_suffix(".safetensors").write_text("another")
-    card = publish(Options(run, output, replace=True, games=1), threading.Event())
+    card = publish(Options(run, output, replace=True, games=1, best=True), threading.Event())
     published = output.with_suffix(".safetensors").read_bytes()
     assert hashlib.sha256(published).hexdigest() == card["sha256"]
 
@@ -198,7 +208,10 @@ def test_a_policy_that_is_there_is_replaced_only_if_asked(tmp_path: Path) -> Non
 def test_best_weights_without_their_card_are_told(tmp_path: Path) -> None:
     (_run(tmp_path / "small") / "snapshots/best.json").unlink()
     with pytest.raises(InputError, match=r"best\.json does not exist"):
-        publish(Options(run=tmp_path / "small", output=tmp_path / "policy"), threading.Event())
+        publish(
+            Options(run=tmp_path / "small", output=tmp_path / "policy", best=True),
+            threading.Event(),
+        )
 
 
 def test_weights_of_another_test_than_their_cards_are_refused(tmp_path: Path) -> None:
@@ -211,7 +224,7 @@ def test_weights_of_another_test_than_their_cards_are_refused(tmp_path: Path) ->
     with pytest.raises(
         InputError, match=r"best\.safetensors is not of the test in .*best\.json: c"
     ):
-        publish(Options(run=run, output=output), threading.Event())
+        publish(Options(run=run, output=output, best=True), threading.Event())
     assert not list(tmp_path.glob("policy.*"))
 
 
@@ -231,7 +244,7 @@ def test_a_run_that_tells_too_little_of_itself_is_refused_before_anything_is_wri
     run, output = _run(tmp_path / "small"), tmp_path / "policy"
     (run / file).write_text(content)
     with pytest.raises(InputError, match=rf"{file} is .*{told}.*: continue the run with --resume"):
-        publish(Options(run=run, output=output), threading.Event())
+        publish(Options(run=run, output=output, best=True), threading.Event())
     assert not list(tmp_path.glob("policy.*"))
 
 
@@ -240,7 +253,7 @@ def test_a_policy_that_was_not_evaluated_to_the_end_is_told(tmp_path: Path) -> N
     stop.set()
     output = tmp_path / "policy"
     with pytest.raises(InputError, match="publish again") as told:
-        publish(Options(run=_run(tmp_path / "small"), output=output, games=2), stop)
+        publish(Options(run=_run(tmp_path / "small"), output=output, games=2, best=True), stop)
     assert told.value.exit_code == INTERRUPTED
     assert [each.name for each in tmp_path.iterdir()] == ["small"]
 
