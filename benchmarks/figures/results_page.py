@@ -16,7 +16,9 @@ import csv
 import io
 import json
 import re
+import sys
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +26,7 @@ from benchmarks.figures.commits import Source, sources
 from benchmarks.figures.needs import NAMES, ROBOTS, SOURCES, needs
 from benchmarks.lab.ladder import MILESTONES
 from benchmarks.report import cell, scored
+from common.command_line.parser import parse
 from common.errors import InputError
 from common.process.program_end import exit_on_input_error
 from common.run.epochs import EpochRow, EpochTable
@@ -216,7 +219,13 @@ def _table(
     return "\n".join((*rows, *below))
 
 
+@dataclass(frozen=True)
+class Options:
+    """Write the tables of benchmarks/RESULTS.md anew, from the files in benchmarks/results."""
+
+
 def main() -> None:
+    parse(Options, "benchmarks.figures.results_page", sys.argv[1:])
     PAGE.write_text(render(PAGE.read_text(), PAGE.parent / "results"))
     print(f"wrote {PAGE}")
 

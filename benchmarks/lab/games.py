@@ -48,6 +48,11 @@ _SAME = ("preset", "learner", "steps", "seed")
 """Options that all results of a file share."""
 _TOLD = ("agent_steps", "wall_seconds", "random_reward", "git_commit", "git_dirty", "machine")
 """Figures that are taken from a run's ``summary.json``."""
+_OF_HEADLINE = (
+    *("epsilon", "sticky", "mean", "deviation", "iqm"),
+    *("distinct_games", "steps", "scores"),
+)
+"""Figures that are taken from each evaluation."""
 
 
 @dataclass(frozen=True)
@@ -93,8 +98,7 @@ def _train(options: Options, game: str, env: str) -> dict[str, Any]:
         **{name: summary[name] for name in _TOLD},
         "curve": [(row.total_train_steps, mean) for row, mean in scores],
         "headline": [
-            {name: row[name] for name in ("epsilon", "sticky", "mean", "deviation", "scores")}
-            for row in headline(folder.checkpoint)
+            {name: row[name] for name in _OF_HEADLINE} for row in headline(folder.checkpoint)
         ],
     }
 

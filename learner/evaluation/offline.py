@@ -11,6 +11,7 @@ import threading
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import asdict, replace
+from operator import itemgetter
 from pathlib import Path
 from queue import Empty, Queue
 from typing import Any
@@ -138,6 +139,8 @@ def _rows(
                     progress.update(played, total=total, note=note)
             except Stopped:
                 break
+            # They come as they end; in this order a game stands beside the same in other worlds.
+            found.sort(key=itemgetter("process"))
             known = trained and replace(trained, seed=config.seed)
             changed = differences(known, settings) if known else []
             told = {"changed": changed, "conditions": _unusual(settings)}

@@ -63,6 +63,7 @@ class Lab:
         game, env = network.read_text().split()
         mean = SCORES.get((game, env), 50.0)
         row = {"epsilon": 0.001, "sticky": 0.0, "mean": mean, "deviation": 1.5, "scores": [mean]}
+        row |= {"iqm": mean, "distinct_games": 1, "steps": 700, "decisions": 700}
         return {"rows": [row, {**row, "sticky": 0.25, "mean": mean - 30.0}]}
 
 
@@ -97,6 +98,8 @@ def test_a_robot_is_compared_with_its_twin(
     content = played(tmp_path, "--game", "pong", "seaquest")
     assert lab.trained == [(g, e) for g in ("pong", "seaquest") for e in ("ale", "robot")]
     assert [run["curve"] for run in content["runs"]] == 4 * [[[800, -20.0], [1600, 5.0]]]
+    first = content["runs"][0]["headline"][0]
+    assert (first["distinct_games"], first["steps"]) == (1, 700)
     said = capsys.readouterr().out
     pong = next(line for line in said.splitlines() if "pong" in line and "75%" in line)
     for words in ("9.3", "19.0 ± 1.5", "9.0 ± 1.5", "-21.0"):

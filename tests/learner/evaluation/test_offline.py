@@ -262,6 +262,17 @@ def test_a_stop_tells_the_scores_of_a_measure_that_is_not_whole(
     assert console.export_text().endswith("\nstopped after 2 games (3, −21)\n")
 
 
+def test_scores_are_in_the_order_of_processes_and_not_of_ends(
+    program: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ended = [(1, 5.0), (0, 1.0), (1, 6.0), (0, 2.0), (2, 9.0)]
+    games = [GAME | {"process": process, "score": score} for process, score in ended]
+    monkeypatch.setattr("learner.evaluation.offline.play", lambda *_: iter(games))
+    write(program, "")
+    content, _ = evaluated(program, EvaluationOptions(games=5, processes=3), CONFIG, None)
+    assert content["scores"] == [1.0, 2.0, 5.0, 6.0, 9.0]
+
+
 @pytest.mark.parametrize("valid", [49, 50])
 def test_a_score_of_a_robot_that_did_not_see_is_told_as_such(program: Path, valid: int) -> None:
     write(program, f"print({json.dumps(GAME | {'valid': valid})!r}, flush=True)")
