@@ -18,6 +18,9 @@ from learner.telemetry.formats import decimal, per_cent, written
 ENDING = 800
 """Agent steps at the end of a game, 53 s of play: games are compared by them, and as a whole."""
 
+_LATE_HANDS = ("play.equal_latency", "play.actuation_latency")
+"""Settings by which no key can be held in the agent step of its command."""
+
 
 def summarise(games: Sequence[Mapping[str, Any]], clock: ClockConfig) -> dict[str, Any]:
     """Returns the figures of at least one game, as in the JSON of an evaluation.
@@ -98,6 +101,12 @@ def _of_robot(row: Mapping[str, Any], share: str) -> str:
     return per_cent(row[share], 1) if _hands(row) or min(both) < 1 else ""
 
 
+def _keys(row: Mapping[str, Any]) -> str:
+    share = _of_robot(row, "press_match_share")
+    on_purpose = any(each.startswith(_LATE_HANDS) for each in (*row["conditions"], *row["changed"]))
+    return f"{share} (late on purpose)" if share and on_purpose else share
+
+
 def _mean(row: Mapping[str, Any]) -> str:
     """Returns the mean score, with its deviation if there are several games."""
     spread = f" ± {row['deviation']:.2f}" if row["games"] > 1 else ""
@@ -138,7 +147,7 @@ _LINES: tuple[tuple[str, Callable[[Mapping[str, Any]], str]], ...] = (
     ("median", lambda row: points(row["median"])),
     ("least, most", lambda row: f"{points(row['least'])}, {points(row['most'])}"),
     ("agent steps", _steps),
-    ("keys as commanded", lambda row: _of_robot(row, "press_match_share")),
+    ("keys as commanded", _keys),
     ("command to keys, p50/p99 ms", _hands),
     ("frames valid", lambda row: _of_robot(row, "valid_frame_share")),
     ("time", _pace),

@@ -199,6 +199,14 @@ def test_without_a_robot_its_figures_are_left_out() -> None:
     assert not {"keys", "frames"} & set(printed(table(content | perfect)).split())
 
 
+@pytest.mark.parametrize("where", ["conditions", "changed"])
+def test_hands_that_are_made_late_are_told_as_such(where: str) -> None:
+    content = summarise([game({3: 1})], SYNC) | ABOUT
+    late = content | {where: ["play.equal_latency 0 → 16"]}
+    assert row(printed(table(late)), "keys as commanded") == "80.0 % (late on purpose)"
+    assert row(printed(table(content)), "keys as commanded") == "80.0 %"
+
+
 def test_brackets_in_a_path_or_a_setting_are_shown_as_they_are() -> None:
     change = "play.env_settings  → layers=[a] x=[/b]"
     content = summarise([game({3: 1})], SYNC) | ABOUT | {"weights": "[/w].st", "changed": [change]}
