@@ -12,6 +12,8 @@ import json
 import sys
 import tempfile
 import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -116,41 +118,61 @@ def _trained(options: Options, folder: RunFolder) -> tuple[RunConfig, QNetwork, 
     training."""
     config = folder.stored_config()
     assert config is not None  # or it would not be a run
-    snapshots = Snapshots(folder.snapshots)
-    source = snapshots.best if options.best else folder.checkpoint
-    if options.best and not source.exists() and folder.checkpoint.exists():
-        raise InputError(
-            f"no test of {folder.path} has ended, so none of its networks is the best: publish the "
-            "last one without --best, or train on with an evaluator."
-        )
-    for file in (source, *([snapshots.best_card] if options.best else []), folder.summary):
-        if not file.is_file():
-            raise InputError(f"{file} does not exist: continue the run until it does.")
-    test = _read(snapshots.best_card) if options.best else {}
-    weights = source.read_bytes()
-    # The learner writes the card first, and a copy of the run may come in between.
-    if test.get("crc32", crc32(weights)) != crc32(weights):
-        raise InputError(f"{source} is not of the test in {snapshots.best_card}: {_WRITTEN_ANEW}.")
-    try:
-        found = decode_network_file(weights)
-        network = build_network(config, count_actions_of(config, found))
-        set_weights(network, found)
-        counters = {} if options.best else counters_of(weights)
-    except (LookupError, TypeError, ValueError) as error:
-        raise InputError(f"{source} is damaged ({error}): {_WRITTEN_ANEW}.") from None
+    network, own = (_best if options.best else _last)(folder, config)
     summary = _read(folder.summary)
     if missing := [name for name in _FROM_SUMMARY if name not in summary]:
         raise InputError(
             f"{folder.summary} is from an earlier version, without {', '.join(missing)}: "
             f"{_WRITTEN_ANEW}."
         )
-    # The summary may be of later steps than the weights, or of fewer.
-    card = {name: summary[name] for name in _FROM_SUMMARY} | counters
+    card = {name: summary[name] for name in _FROM_SUMMARY}
     card["initial"] = summary.get("initial")
     card["demonstrations"] = summary.get("demonstrations", 0)
-    if options.best:
-        card |= {"snapshot": test, **_until(test, folder, config)}
-    return config, network, card
+    # The summary may be of later steps than the weights, or of fewer.
+    return config, network, card | own
+
+
+def _last(folder: RunFolder, config: RunConfig) -> tuple[QNetwork, dict[str, Any]]:
+    """Returns the last network, and what the card says of it alone."""
+    weights = _content(folder.checkpoint)
+    with _decoding(folder.checkpoint):
+        return _network(weights, config), counters_of(weights)
+
+
+def _best(folder: RunFolder, config: RunConfig) -> tuple[QNetwork, dict[str, Any]]:
+    """Returns the network of the best test, and what the card says of it alone."""
+    snapshots = Snapshots(folder.snapshots)
+    if not snapshots.best.exists() and folder.checkpoint.exists():
+        raise InputError(
+            f"no test of {folder.path} has ended, so none of its networks is the best: publish the "
+            "last one without --best, or train on with an evaluator."
+        )
+    weights, test = _content(snapshots.best), _read(snapshots.best_card)
+    # The learner writes the card first, and a copy of the run may come in between.
+    if test.get("crc32", crc32(weights)) != crc32(weights):
+        raise InputError(
+            f"{snapshots.best} is not of the test in {snapshots.best_card}: {_WRITTEN_ANEW}."
+        )
+    with _decoding(snapshots.best):
+        network = _network(weights, config)
+    return network, {"snapshot": test, **_until(test, folder, config)}
+
+
+def _network(weights: bytes, config: RunConfig) -> QNetwork:
+    """Returns the network of the weights. Raises LookupError, TypeError or ValueError if they are
+    damaged."""
+    found = decode_network_file(weights)
+    network = build_network(config, count_actions_of(config, found))
+    set_weights(network, found)
+    return network
+
+
+@contextmanager
+def _decoding(source: Path) -> Iterator[None]:
+    try:
+        yield
+    except (LookupError, TypeError, ValueError) as error:
+        raise InputError(f"{source} is damaged ({error}): {_WRITTEN_ANEW}.") from None
 
 
 def _until(test: dict[str, Any], folder: RunFolder, config: RunConfig) -> dict[str, Any]:
@@ -170,10 +192,18 @@ def _until(test: dict[str, Any], folder: RunFolder, config: RunConfig) -> dict[s
     )
 
 
+def _content(file: Path) -> bytes:
+    """Returns the content of ``file``. Raises InputError if there is none yet."""
+    if not file.is_file():
+        raise InputError(f"{file} does not exist: continue the run until it does.")
+    return file.read_bytes()
+
+
 def _read(file: Path) -> dict[str, Any]:
-    """Returns the JSON object in ``file``. Raises InputError if the file is damaged."""
+    """Returns the JSON object in ``file``. Raises InputError if there is none or it is damaged."""
+    content = _content(file)
     try:
-        found = json.loads(file.read_bytes())
+        found = json.loads(content)
     except (ValueError, RecursionError):
         found = None
     if not isinstance(found, dict):

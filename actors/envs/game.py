@@ -88,7 +88,7 @@ class AtariGame:
                 self._usual.play, self._usual.camera, self._randomise, rng.random, difficulty
             )
             if self._play.latency_model:
-                # By a generator of its own, so that a file of one copy changes no other draw.
+                # By a generator of its own, so that games begin as they do without a model.
                 copy = int(rng.spawn(1)[0].integers(2**31))
                 self.conditions = self.conditions._replace(copy=copy)
             self.start_anew(rng, power_on=seeded)

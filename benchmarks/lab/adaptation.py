@@ -12,19 +12,15 @@ import shutil
 from dataclasses import dataclass
 from typing import Any
 
-from benchmarks.lab.policy import (
-    PlayingOptions,
-    TrainingOptions,
-    evaluate,
-    train,
-)
+from benchmarks.lab.policy import PlayingOptions, TrainingOptions, evaluate, train
 from benchmarks.report import Report, Table, main
 from common.atomic_file import write_json
 from common.checked import FromOne
 from common.command_line.run_options import parse_run
+from common.errors import InputError
 from common.registry import ENVIRONMENTS
 from common.run.folder import RunFolder
-from common.run.origin import trained_settings
+from common.run.origin import identity_of, trained_settings
 from common.settings.config import RunConfig
 from common.settings.presets import PRESETS
 from common.settings.stored_config import flag_of, flat
@@ -58,7 +54,8 @@ _NEAR = 2.0
 
 @dataclass(frozen=True)
 class Options(TrainingOptions, PlayingOptions):
-    """Train a policy for a while in a world other than its own, and play before and after."""
+    """Train a policy for a while in a world other than its own, and play before, meanwhile and
+    after."""
 
     to: str
     """Settings of the other world, as in --to="--camera.noise 8 --play.sticky 0.25"."""
@@ -70,35 +67,40 @@ class Options(TrainingOptions, PlayingOptions):
     run: str = "adaptation"
     """Name of the training's run."""
 
+    def check(self) -> None:
+        super().check()
+        if self.tests > self.steps:
+            raise InputError(f"--tests {self.tests} is more than --steps: choose fewer tests.")
+
 
 def measure(options: Options) -> Report:
     trained = trained_settings(options.network)
     to = shlex.split(options.to)
     folder = RunFolder(options.runs, options.run)
     fixed = ["--evaluators", "0", "--seed", f"{options.seed}"]
-    initial = ["--initial", str(options.network)]  # which gives the run its layers
     flags = [*training_flags(trained, options.steps), *fixed, *to, *shlex.split(options.learner)]
     # Settings with which nothing could train are refused before anything is played.
+    initial = ["--initial", str(options.network)]
     parse_run(LearnerOptions, "learner", [*flags, *initial], lambda _: None)
     own = evaluate(options.network, options.games, options.epsilon)
     before = evaluate(options.network, options.games, options.epsilon, to)
-    curve = [before | {"steps": 0, "minutes": 0.0}]
+    curve = [before | {"trained_steps": 0, "minutes": 0.0}]
     for test in range(1, options.tests + 1):
         # The world again: an evaluation draws only from the ranges that its own flags name.
-        curve.append(_after(options, folder, test, [*flags, *initial], to))
+        curve.append(_after(options, folder, test, flags, to))
     reached = held_from(curve, own["mean"] - _NEAR)
     shown = ("mean", "deviation", "iqm")
-    rows = [{"world": "its own"} | {name: own[name] for name in shown}]
+    rows = [{"world": "its own", "minutes": None} | {name: own[name] for name in shown}]
     rows += [
-        {"world": f"the other, after {each['steps']:,} agent steps", "minutes": each["minutes"]}
+        {"world": f"the other, {each['trained_steps']:,} agent steps", "minutes": each["minutes"]}
         | {name: each[name] for name in shown}
         for each in curve
     ]
     note = (
         "after all of them it was not within two points of its own world"
         if reached is None
-        else f"from {reached['steps']:,} agent steps and {reached['minutes']:.1f} minutes of "
-        "training on it was within two points of its own world"
+        else f"from {reached['trained_steps']:,} agent steps and {reached['minutes']:.1f} "
+        "minutes of training on it was within two points of its own world"
     )
     title = (
         f"{options.network.stem} in the world of {options.to}, ε = {options.epsilon:g}, "
@@ -108,7 +110,7 @@ def measure(options: Options) -> Report:
         "flags": shlex.join(flags),
         "own": own,
         "curve": curve,
-        "steps_to_own": None if reached is None else reached["steps"],
+        "steps_to_own": None if reached is None else reached["trained_steps"],
     }
     return Report([Table(title, rows)], {"title": title, **content}, (note,))
 
@@ -117,17 +119,21 @@ def _after(
     options: Options, folder: RunFolder, test: int, flags: list[str], to: list[str]
 ) -> dict[str, Any]:
     """Returns the evaluation after so many of the tests' shares of the training, which goes on
-    until then."""
+    until then. Raises InputError if the folder holds those of another training."""
     steps = options.steps * test // options.tests
     kept = folder.path / f"after-{steps}.safetensors"
     told = kept.with_suffix(".json")
     if not told.exists():
-        summary = train(folder, steps, flags)
+        # The network gives the run its layers.
+        summary = train(folder, steps, [*flags, "--initial", str(options.network)])
         shutil.copyfile(folder.checkpoint, kept)
-        write_json(told, {name: summary[name] for name in ("agent_steps", "wall_seconds")})
+        taken = {name: summary[name] for name in ("agent_steps", "wall_seconds")}
+        write_json(told, {"flags": flags, "initial": identity_of(options.network), **taken})
     known = json.loads(told.read_bytes())
+    if (known["flags"], known["initial"]) != (flags, identity_of(options.network)):
+        raise InputError(f"{folder.path} is of another adaptation: name another with --run.")
     games = evaluate(kept, options.games, options.epsilon, to)
-    return games | {"steps": known["agent_steps"], "minutes": known["wall_seconds"] / 60}
+    return games | {"trained_steps": known["agent_steps"], "minutes": known["wall_seconds"] / 60}
 
 
 def held_from(curve: list[dict[str, Any]], least: float) -> dict[str, Any] | None:

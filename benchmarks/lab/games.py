@@ -48,10 +48,16 @@ _SAME = ("preset", "learner", "steps", "seed")
 """Options that all results of a file share."""
 _TOLD = ("agent_steps", "wall_seconds", "random_reward", "git_commit", "git_dirty", "machine")
 """Figures that are taken from a run's ``summary.json``."""
-_OF_HEADLINE = (
-    *("epsilon", "sticky", "mean", "deviation", "iqm"),
-    *("distinct_games", "steps", "scores"),
-)
+_OF_HEADLINE = [
+    "epsilon",
+    "sticky",
+    "mean",
+    "deviation",
+    "iqm",
+    "distinct_games",
+    "steps",
+    "scores",
+]
 """Figures that are taken from each evaluation."""
 
 

@@ -32,6 +32,7 @@ from common.run.origin import name_of, origin_of
 from common.settings.clock import ClockConfig
 from common.settings.config import RunConfig
 from common.settings.fit import SHAPING_SETTINGS
+from common.settings.hands import keys_can_follow, latest_play
 from common.settings.presets import PRESETS
 from common.settings.stored_config import differences, to_json
 from common.strict_json import strict
@@ -143,7 +144,11 @@ def _rows(
             found.sort(key=itemgetter("process"))
             known = trained and replace(trained, seed=config.seed)
             changed = differences(known, settings) if known else []
-            told = {"changed": changed, "conditions": _unusual(settings)}
+            told = {
+                "changed": changed,
+                "conditions": _unusual(settings),
+                "keys_can_follow": keys_can_follow(latest_play(settings)),
+            }
             rows.append({**asdict(measure), **told, **summarise(found, clock)})
     if len(rows) < len(measures):  # told once the bar has gone: the console would write behind it
         if rows:  # of the measures whose games are all there: those that end first are defeats

@@ -18,9 +18,6 @@ from learner.telemetry.formats import decimal, per_cent, written
 ENDING = 800
 """Agent steps at the end of a game, 53 s of play: games are compared by them, and as a whole."""
 
-_LATE_HANDS = ("play.equal_latency", "play.actuation_latency")
-"""Settings by which no key can be held in the agent step of its command."""
-
 
 def summarise(games: Sequence[Mapping[str, Any]], clock: ClockConfig) -> dict[str, Any]:
     """Returns the figures of at least one game, as in the JSON of an evaluation.
@@ -103,8 +100,7 @@ def _of_robot(row: Mapping[str, Any], share: str) -> str:
 
 def _keys(row: Mapping[str, Any]) -> str:
     share = _of_robot(row, "press_match_share")
-    on_purpose = any(each.startswith(_LATE_HANDS) for each in (*row["conditions"], *row["changed"]))
-    return f"{share} (late on purpose)" if share and on_purpose else share
+    return share if row["keys_can_follow"] or not share else f"{share} (hands are late)"
 
 
 def _mean(row: Mapping[str, Any]) -> str:

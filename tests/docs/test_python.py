@@ -17,7 +17,7 @@ from tests.paths import ROOT
 
 BLOCK = re.compile(r"^( *)```python\n(.*?)^ *```$", re.DOTALL | re.M)
 REPLACED = {"play": PlayConfig, "camera": CameraConfig}
-"""By the name of the second argument's last part, what `dataclasses.replace` gets in the pages."""
+"""By the last name of the first argument, what the pages change by `dataclasses.replace`."""
 
 
 def blocks(page: Path) -> list[str]:

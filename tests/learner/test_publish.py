@@ -16,6 +16,7 @@ from common.exit_codes import INTERRUPTED
 from common.network import build_network
 from common.protocol.weights import encode_weights
 from common.run.epochs import EpochTable
+from common.run.network_file import decode_network_file
 from common.settings.config import RunConfig
 from common.settings.presets import PRESETS
 from common.settings.ranges import RandomiseConfig
@@ -189,6 +190,27 @@ def test_a_run_whose_tests_nobody_plays_is_published_by_its_last_network(tmp_pat
     (run / "checkpoint.safetensors").write_bytes(save(weights, {"state": "{}"}))
     with pytest.raises(InputError, match=r"checkpoint\.safetensors is damaged \('books'\): cont"):
         publish(Options(run, output, replace=True, games=1), threading.Event())
+
+
+def test_the_last_weights_are_published_unless_the_best_are_asked_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("learner.publish.evaluate", lambda *given, name: {})
+    run = _run(tmp_path / "small")
+    best, last = (run / name for name in ("snapshots/best.safetensors", "checkpoint.safetensors"))
+    other = build_network(CONFIG, 4)
+    torch.nn.init.ones_(other.actions.weight)
+    last.write_bytes(encode_weights(other))
+    found = {}
+    for name, chosen in (("last", False), ("best", True)):
+        card = publish(Options(run, tmp_path / name, best=chosen), threading.Event())
+        weights = (tmp_path / f"{name}.safetensors").read_bytes()
+        found[name] = decode_network_file(weights)
+        assert (card["agent_steps"], "snapshot" in card) == (19_000 if chosen else 12_345, chosen)
+    for name, file in (("last", last), ("best", best)):
+        expected = decode_network_file(file.read_bytes())["actions.weight"].half()
+        assert torch.equal(found[name]["actions.weight"].half(), expected)
+    assert not torch.equal(found["last"]["actions.weight"], found["best"]["actions.weight"])
 
 
 def test_a_policy_that_is_there_is_replaced_only_if_asked(tmp_path: Path) -> None:

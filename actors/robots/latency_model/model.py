@@ -21,8 +21,11 @@ class _Layers(NamedTuple):
     columns: NDArray[np.float64]
     """``[30, 36, H]``: to multiply by a one-hot vector is to select one of 36."""
     bias: NDArray[np.float64]
+    """``[H]``."""
     pred_weight: NDArray[np.float64]
+    """``[18, H]``."""
     pred_bias: NDArray[np.float64]
+    """``[18]``."""
 
     @classmethod
     def of(cls, weights: ModelWeights) -> Self:
@@ -31,7 +34,7 @@ class _Layers(NamedTuple):
 
 
 class LatencyModel:
-    """Implements `Hands`: keys that follow the commands as the network of ``weights`` says.
+    """Implements `Hands`: keys that follow the commands as a small network says.
 
     The network runs ``rate`` times a second. Its input is the present command and the last 29, each
     with the action that the console got just before: the command one-hot, then that action one-hot.
@@ -59,7 +62,7 @@ class LatencyModel:
         return KEYS_OF_ACTION[self._taken]
 
     def take_copy(self, number: int) -> None:
-        """Takes one of the copies, counted anew after the last one."""
+        """Takes the copy of this number, modulo their number."""
         self._layers = self._copies[number % len(self._copies)]
 
     def rest(self) -> None:

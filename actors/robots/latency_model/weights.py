@@ -31,8 +31,8 @@ ROW = 2 * ACTIONS
 """Numbers per command."""
 MAX_HIDDEN = 4_096
 MAX_COPIES = 16
-MAX_UNITS = MAX_BYTES // 4_400
-"""Maximum number of hidden units of all copies in a file; each has 1,099 numbers in float32."""
+MAX_UNITS = (MAX_BYTES - 2**12) // (4 * (COMMANDS * ROW + 1 + ACTIONS))
+"""Maximum number of hidden units of all copies in a file, beside 4 KiB of headers and biases."""
 _NAMED = 6
 """Maximum number of wrong members that an error names."""
 _MEMBERS = ("fc_weight", "fc_bias", "pred_weight", "pred_bias")
@@ -86,10 +86,10 @@ def read_copies(name: str) -> list[ModelWeights]:
         arrays = _arrays(content)
         if arrays["fc_weight"].ndim <= 2:
             return [ModelWeights(**arrays)]
-        copies = {len(each) if each.ndim else 0 for each in arrays.values()}
-        if len(copies) > 1 or not 1 <= min(copies) <= MAX_COPIES:
+        counts = {len(each) if each.ndim else 0 for each in arrays.values()}
+        if len(counts) > 1 or not 1 <= min(counts) <= MAX_COPIES:
             raise ValueError(
-                f"its arrays are of {', '.join(map(str, sorted(copies)))} copies where the same "
+                f"its arrays are of {', '.join(map(str, sorted(counts)))} copies where the same "
                 f"number is expected, from 1 to {MAX_COPIES}"
             )
         return [

@@ -68,7 +68,7 @@ class Lab:
         assert network.exists()
         self.played.append((network.name, tuple(flags)))
         mean = self.scores.pop(0)
-        return {"mean": mean, "deviation": 1.0, "iqm": mean, "steps": -1, "minutes": -1.0}
+        return {"mean": mean, "deviation": 1.0, "iqm": mean, "steps": 7_000}
 
     def train(self, folder: RunFolder, steps: int, flags: Sequence[str]) -> dict[str, Any]:
         self.trained.append([f"{steps}", *flags])
@@ -107,10 +107,15 @@ def test_report(
         assert content["flags"].split() == flags[:-2]  # those of --learner too
     assert content["own"]["mean"] == 20.5
     assert [each["mean"] for each in content["curve"]] == [-20.0, 19.0, 12.0, 18.5, 18.6]
-    assert [each["steps"] for each in content["curve"]] == [0, 501, 1_001, 1_501, 2_001]
+    assert [each["trained_steps"] for each in content["curve"]] == [0, 501, 1_001, 1_501, 2_001]
     assert [each["minutes"] for each in content["curve"]] == [0, 1, 2, 3, 4]
     assert content["steps_to_own"] == 1_501  # from there on all have 18.5 or more
-    assert "from 1,501 agent steps and 3.0 minutes of training on it was" in capsys.readouterr().out
+    assert {each["steps"] for each in content["curve"]} == {7_000}  # of the games
+    said = capsys.readouterr().out
+    assert "from 1,501 agent steps and 3.0 minutes of training on it was" in said
+    cells = [[cell.strip() for cell in line.split("│")[1:-1]] for line in said.splitlines()]
+    assert ["its own", "–", "20.5", "1", "20.5"] in cells
+    assert ["the other, 501 agent steps", "1", "19.0", "1", "19.0"] in cells
     kept = tmp_path / "adaptation" / "after-1000.safetensors"
     assert kept.read_text() == "1000"
 
@@ -127,6 +132,28 @@ def test_what_was_trained_is_not_trained_again(
     assert [steps for steps, *_ in again.trained] == ["1500", "2000"]
     assert content["steps_to_own"] == 501
     assert content["curve"][1]["minutes"] == 1
+
+
+@pytest.mark.parametrize("other", ["network", "world"])
+def test_a_training_of_another_policy_or_world_is_not_taken_for_this_one(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, other: str
+) -> None:
+    adapt(Lab([20.0] * 6), monkeypatch, tmp_path)
+    policy, to = POLICIES / "ale_pong.safetensors", "--play.press-latency 4"
+    if other == "network":
+        policy = POLICIES / "ale_pong_sticky.safetensors"
+    else:
+        to = "--play.press-latency 3"
+    arguments = [f"{policy}", f"--to={to}", "--steps", "2000", "--runs", str(tmp_path)]
+    monkeypatch.setattr(adaptation, "evaluate", Lab([20.0] * 6).evaluate)
+    with pytest.raises(InputError, match="is of another adaptation: name another with --run"):
+        run("lab.adaptation", adaptation.Options, adaptation.measure, arguments)
+
+
+def test_more_tests_than_steps_are_refused() -> None:
+    options = adaptation.Options(network=POLICIES / "ale_pong.safetensors", to="", steps=3, tests=4)
+    with pytest.raises(InputError, match="--tests 4 is more than --steps: choose fewer"):
+        options.check()
 
 
 def test_a_policy_that_never_plays_as_before_is_told(
@@ -178,6 +205,6 @@ def test_a_policy_is_trained_on_for_real(tmp_path: Path) -> None:
     )
     curve = adaptation.measure(options).content["curve"]
     assert [each["games"] for each in curve] == [1, 1, 1]
-    start, half, end = (each["steps"] for each in curve)
+    start, half, end = (each["trained_steps"] for each in curve)
     assert start == 0 < 450 <= half < 900 <= end
     assert 0 < curve[1]["minutes"] < curve[2]["minutes"]

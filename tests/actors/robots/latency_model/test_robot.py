@@ -128,28 +128,27 @@ def test_robot_and_emulator_alone_draw_the_same_copy_for_a_game(tmp_path: Path, 
     games = [pressed_late(envs[1], seed) for seed in (1, 1)]
     assert games[0] == games[1]
     envs[1].reset(seed=2)
-    first = [envs[1]._game.conditions.copy]
+    copies = [envs[1].conditions.copy]
     for _ in range(8):
         envs[1].reset(options={"new_game": True})
-        first.append(envs[1]._game.conditions.copy)
-    assert {copy % 2 for copy in first} == {0, 1}
+        copies.append(envs[1].conditions.copy)
+    assert {copy % 2 for copy in copies} == {0, 1}
     envs[0].close()
 
 
 def test_copies_change_no_other_draw(tmp_path: Path) -> None:
-    one, two = (
-        saved(tmp_path / "1.npz", delay(3)),
-        saved(tmp_path / "2.npz", together(*[delay(3)] * 2)),
-    )
-    scores = []
-    for robot in (one, two):
+    """Games begin as without a model, with the same random starts and sticky actions."""
+    one = saved(tmp_path / "1.npz", delay(3))
+    two = saved(tmp_path / "2.npz", together(*[delay(3)] * 2))
+    begun = []
+    for robot in ("nao", one, two):
         env = AtariEnv("pong", play=PlayConfig(robot=robot, sticky=0.25))
-        rams = []
+        memories = []
         for seed in (1, None, None):
             env.reset(seed=seed, options={"new_game": True})
-            rams.append(env.ram().tolist())
-        scores.append(rams)
-    assert scores[0] == scores[1]
+            memories.append(env.ram().tolist())
+        begun.append(memories)
+    assert begun[0] == begun[1] == begun[2]
 
 
 @pytest.mark.parametrize("seen", ["emulator", "camera"])
@@ -164,7 +163,7 @@ def test_the_copy_that_plays_is_the_one_that_is_timed(tmp_path: Path, env: str, 
     copies, pressed = set(), set()
     for seed in range(6):
         game.reset(seed=seed)
-        copies.add(game._game.conditions.copy % 2)
+        copies.add(game.conditions.copy % 2)
         pressed.add(tuple(game.step(2)[-1]["keys_match"] for _ in range(5)))
     assert copies == {0, 1}
     assert pressed == {(False, False, False, True, True)}
