@@ -83,6 +83,8 @@ def publish(options: Options, stop: threading.Event) -> dict[str, Any]:
     """
     if options.output.name in ("", ".."):
         raise InputError(f"{options.output} names no file: give -o a name, such as policies/NAME.")
+    if options.output.suffix in (".safetensors", ".json"):
+        raise InputError(f"{options.output} has a suffix: give -o the name without it.")
     folder = RunFolder.existing(options.run)
     if options.output.resolve().is_relative_to(folder.path.resolve()):
         raise InputError(f"{options.output} is inside of the run: name a file outside.")

@@ -81,7 +81,8 @@ def measure(options: Options) -> Report:
     flags = [*training_flags(trained, options.steps), *fixed, *to, *shlex.split(options.learner)]
     # Settings with which nothing could train are refused before anything is played.
     initial = ["--initial", str(options.network)]
-    parse_run(LearnerOptions, "learner", [*flags, *initial], lambda _: None)
+    first = ["--steps", f"{options.steps // options.tests}"]
+    parse_run(LearnerOptions, "learner", [*flags, *initial, *first], lambda _: None)
     own = evaluate(options.network, options.games, options.epsilon)
     before = evaluate(options.network, options.games, options.epsilon, to)
     curve = [before | {"trained_steps": 0, "minutes": 0.0}]

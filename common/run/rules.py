@@ -86,7 +86,10 @@ def check_chosen(before: RunConfig, config: RunConfig) -> None:
                 )
     chosen = play.robot != before.play.robot and not play.latency_model
     if chosen and not robot:
-        raise InputError(f"--robot {play.robot} is for a robot, and --env {env} has none: omit it.")
+        raise InputError(
+            f"--robot {play.robot} is for a robot, and --env {env} has none: add --env robot, or "
+            "name a latency model, FILE.npz."
+        )
 
 
 def _with_ranges(names: Sequence[str]) -> list[str]:

@@ -20,6 +20,10 @@ from common.settings.stored_config import from_mapping
 T = TypeVar("T")
 
 
+_FILES = ".npz"
+"""Suffix of a name that stands for a file and not for an extension."""
+
+
 class Extension(NamedTuple):
     """A part of a run that another package may add."""
 
@@ -33,7 +37,12 @@ class Extension(NamedTuple):
         """Returns its own settings, which go on from those ``before``: what is not ``given`` stays,
         unless another extension or an empty text is. Both are settings by their full names."""
         now, former = given.get(self.name), str(before.get(self.name))
-        same = now is None or path_of(now) == path_of(former)  # a stored path has a hash
+        same = (
+            now is None
+            or path_of(now) == path_of(former)  # a stored path has a hash
+            # What one file of a kind is told holds for another in its place.
+            or path_of(now).suffix == path_of(former).suffix == _FILES
+        )
         kept = before.get(self.text, "") if same else ""
         return merged(kept, given.get(self.text), self.text)
 

@@ -137,6 +137,13 @@ def test_an_output_without_a_name_is_refused(tmp_path: Path, output: str) -> Non
         publish(options, threading.Event())
 
 
+@pytest.mark.parametrize("output", ["mine.safetensors", "mine.json"])
+def test_a_name_with_the_suffix_of_a_file_is_refused(tmp_path: Path, output: str) -> None:
+    options = Options(_run(tmp_path / "small"), tmp_path / output)
+    with pytest.raises(InputError, match=rf"{output} has a suffix: give -o the name without it"):
+        publish(options, threading.Event())
+
+
 @pytest.mark.parametrize("output", ["checkpoint", "config", "snapshots/best"])
 def test_the_runs_own_files_are_not_replaced(tmp_path: Path, output: str) -> None:
     run = _run(tmp_path / "small")

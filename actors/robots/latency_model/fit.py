@@ -36,6 +36,7 @@ from common.actions import KEYS_OF_ACTION, Keys, action_of_keys
 from common.atomic_file import check_new_file
 from common.checked import FromOne
 from common.command_line.parser import parse
+from common.counted import counted
 from common.errors import InputError
 from common.games import MINIMAL_ACTIONS, SCREEN_SHAPE, check_game
 from common.pinned_file import pin
@@ -52,6 +53,10 @@ _HELD = (1, 2)
 as those of a policy, which changes its command in most agent steps."""
 _TESTED = 0.1
 """Further steps on which the model is tested, as a share of those from which it learns."""
+_MANY, _GOOD = 200, 0.1
+"""Changes of keys from which on a test tells something, and the share of wrong frames up to which a
+copy is one of these hands: of 18,000 commands of Physical Atari's model, 1,456 and 0.06."""
+_FEW = "that is no copy of these hands yet, or its test is too short: give more --steps.\n"
 UPDATES = 3_000
 _BATCH = 1_024
 _LEARNING_RATE = 3e-3
@@ -198,11 +203,13 @@ def run(options: FitOptions) -> None:
             copies.append(fit(learned, options.hidden, options.seed + copy, progress.update))
     write_copies(options.output, copies)
     changes = int((np.diff(tested.held) != 0).sum())
-    shares = ", ".join(f"{differing(each, tested):.2%}" for each in copies)
+    shares = [differing(each, tested) for each in copies]
     print(
-        f"wrote {options.output}: in {len(tested.held):,} other frames with {changes:,} changes of "
-        f"keys, it holds other keys than {options.robot} in {shares}.\n"
-        f"play by it: --robot {options.output} --play.robot-settings rate={FRAMES_PER_SECOND}"
+        f"wrote {options.output}: in {counted(len(tested.held), 'other frame')} with "
+        f"{counted(changes, 'change')} of keys, it holds other keys than {options.robot} in "
+        f"{', '.join(f'{100 * share:.2f} %' for share in shares)}.\n"
+        + (_FEW if changes < _MANY or max(shares) > _GOOD else "")
+        + f"play by it: --robot {options.output} --play.robot-settings rate={FRAMES_PER_SECOND}"
     )
 
 

@@ -106,6 +106,9 @@ def test_other_flags_are_left_alone() -> None:
 
 def test_a_robot_has_a_short_flag() -> None:
     before = {"play.robot": "arm", "play.robot_settings": "reach=2"}
+    of_one_model = {"play.robot": "a.npz#sha256=0", "play.robot_settings": "rate=60"}
+    assert going_on_from(of_one_model, ["--robot", "b.npz"]) == ["--play.robot", "b.npz"]
+    assert going_on_from(of_one_model, ["--robot", "nao"])[2:] == ["--play.robot-settings", ""]
     assert going_on_from(before, ["--robot", "nao"]) == [
         *("--play.robot", "nao"),
         *("--play.robot-settings", ""),

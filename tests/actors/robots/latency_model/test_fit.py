@@ -88,7 +88,7 @@ def test_the_command_writes_a_model_and_tells_how_good_it_is(
     assert told.endswith(f"\nplay by it: --robot {file} --play.robot-settings rate=60\n")
     share = differing(weights, recorded(delay(5), 300))
     assert share < 0.05
-    assert "%.\n" in told
+    assert "%.\nthat is no copy of these hands yet, or its test is too short: give more" in told
 
 
 def fitted(
@@ -119,7 +119,7 @@ def test_several_copies_of_the_same_hands_are_written_together(
     assert all(commands == seen[0][1] for _, commands in seen)
     # The first copy is the hands; the others hold every change a frame and two frames later.
     told = re.search(
-        r"in 36 other frames with (\d+) changes of keys, .* in 0.00%, (\S+)%, (\S+)%\.\n",
+        r"in 36 other frames with (\d+) changes of keys, .* in 0\.00 %, (\S+) %, (\S+) %\.\n",
         capsys.readouterr().out,
     )
     assert told is not None
@@ -128,6 +128,26 @@ def test_several_copies_of_the_same_hands_are_written_together(
     assert two_late > one_late
     _, others = fitted(monkeypatch, tmp_path, "--steps", "90", "--seed", "4")
     assert others[0][1] != seen[0][1]
+
+
+@pytest.mark.parametrize(
+    ("changes", "wrong", "told"), [(199, 0.0, True), (200, 0.1, False), (900, 0.11, True)]
+)
+def test_a_poor_copy_and_a_short_test_are_told(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    changes: int,
+    wrong: float,
+    told: bool,
+) -> None:
+    held = np.cumsum(np.arange(2_000) < changes + 1) % 2
+    monkeypatch.setattr(fit, "record", lambda *given: Recording(held, held))
+    monkeypatch.setattr(fit, "differing", lambda *given: wrong)
+    fitted(monkeypatch, tmp_path, "--steps", "9")
+    said = capsys.readouterr().out
+    assert f"with {changes} changes of keys" in said
+    assert ("give more --steps" in said) == told
 
 
 def test_a_few_steps_have_a_test_too(
