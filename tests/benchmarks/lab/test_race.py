@@ -260,11 +260,8 @@ def test_a_whole_race_in_one_process(monkeypatch: pytest.MonkeyPatch, tmp_path: 
         flags: Sequence[str],
         stop: threading.Event,
     ) -> Iterator[dict[str, Any]]:
-        yield from games(
-            config,
-            GamesOptions(network, "", 800, epsilon, given.games),
-            stop,
-        )
+        asked = GamesOptions(network, "", 800, epsilon, given.games)
+        yield from ({"process": 0, **game} for game in games(config, asked, stop))
 
     def evaluate(
         network: Path, games: int, epsilon: float | None, flags: Sequence[str] = (), *, quiet: bool
