@@ -244,7 +244,7 @@ def test_a_robots_own_settings_go_over_those_of_the_run(tmp_path: Path) -> None:
             parsed(Play, weights, own, "depth=x").config()
 
 
-def test_a_latency_model_named_again_keeps_its_rate(
+def test_a_latency_model_keeps_the_rate_of_the_one_before(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -253,10 +253,11 @@ def test_a_latency_model_named_again_keeps_its_rate(
     hashed = f"m.npz#sha256={'0' * 64}"
     play = replace(PRESETS["robot"].play, robot=hashed, robot_settings="rate=60")
     weights = in_run(tmp_path, replace(PRESETS["robot"], play=play), 6)
-    for robot, settings in (("m.npz", "rate=60"), ("other.npz", "")):
+    for robot in ("m.npz", "other.npz"):
         found = parsed(Play, weights, "--robot", robot).config().play
-        assert found.robot_settings == settings
+        assert found.robot_settings == "rate=60"
         assert found.robot == pin(robot)  # a recording tells which file it was
+    assert parsed(Play, weights, "--robot", "nao").config().play.robot_settings == ""
 
 
 def test_what_is_played_comes_from_the_run_of_the_weights(tmp_path: Path) -> None:
