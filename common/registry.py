@@ -157,6 +157,11 @@ class Registry(Generic[T]):
         """Adds ``entry``, or replaces the entry of the same name."""
         self._entries[entry.name] = entry
 
+    def called(self, name: str) -> str:
+        """Returns the name of the entry that ``name`` stands for: FILE.npz for each such path."""
+        file = f"FILE{path_of(name).suffix}"
+        return file if file in self._entries and name not in self._entries else name
+
     def find(self, name: str) -> T:
         """Returns the entry called ``name``. Raises InputError if there is none, or if several
         packages have one, or if the package that has it cannot be loaded."""
@@ -169,7 +174,7 @@ class Registry(Generic[T]):
                 )
             for point in points.values():
                 self.add(self._load(point))
-        key = name if name in self._entries else f"FILE{path_of(name).suffix}"
+        key = self.called(name)
         if key not in self._entries:
             hint = choice(name, self.names)
             hint = f"{hint[:-1]}, or" if hint.endswith(".") else f"{hint} Otherwise"

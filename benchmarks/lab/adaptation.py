@@ -124,14 +124,15 @@ def _after(
     steps = options.steps * test // options.tests
     kept = folder.path / f"after-{steps}.safetensors"
     told = kept.with_suffix(".json")
+    asked = {"flags": flags, "initial": identity_of(options.network)}
     if not told.exists():
         # The network gives the run its layers.
         summary = train(folder, steps, [*flags, "--initial", str(options.network)])
         shutil.copyfile(folder.checkpoint, kept)
         taken = {name: summary[name] for name in ("agent_steps", "wall_seconds")}
-        write_json(told, {"flags": flags, "initial": identity_of(options.network), **taken})
+        write_json(told, asked | taken)
     known = json.loads(told.read_bytes())
-    if (known["flags"], known["initial"]) != (flags, identity_of(options.network)):
+    if known != known | asked:
         raise InputError(f"{folder.path} is of another adaptation: name another with --run.")
     games = evaluate(kept, options.games, options.epsilon, to)
     return games | {"trained_steps": known["agent_steps"], "minutes": known["wall_seconds"] / 60}

@@ -204,3 +204,8 @@ class Conditions(NamedTuple):
     camera: CameraConfig
     copy: int = 0
     """Number that chooses one of several copies of the hands in the file of a latency model."""
+
+    @property
+    def settings(self) -> dict[str, PlayConfig | CameraConfig]:
+        """The settings, by the first part of their full names."""
+        return {"play": self.play, "camera": self.camera}

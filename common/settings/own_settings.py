@@ -13,15 +13,10 @@ from dataclasses import MISSING, asdict, fields
 from typing import Any, Literal, NamedTuple, TypeVar, get_args, get_origin, get_type_hints
 
 from common.errors import InputError, choice
-from common.pinned_file import path_of
 from common.registry import ALGORITHMS, ENVIRONMENTS, ROBOTS, SAMPLERS, Entry, Registry
 from common.settings.stored_config import from_mapping
 
 T = TypeVar("T")
-
-
-_FILES = ".npz"
-"""Suffix of a name that stands for a file and not for an extension."""
 
 
 class Extension(NamedTuple):
@@ -37,12 +32,7 @@ class Extension(NamedTuple):
         """Returns its own settings, which go on from those ``before``: what is not ``given`` stays,
         unless another extension or an empty text is. Both are settings by their full names."""
         now, former = given.get(self.name), str(before.get(self.name))
-        same = (
-            now is None
-            or path_of(now) == path_of(former)  # a stored path has a hash
-            # What one file of a kind is told holds for another in its place.
-            or path_of(now).suffix == path_of(former).suffix == _FILES
-        )
+        same = now is None or self.registry.called(now) == self.registry.called(former)
         kept = before.get(self.text, "") if same else ""
         return merged(kept, given.get(self.text), self.text)
 

@@ -135,7 +135,7 @@ def draw(
     """
     if ranges == NOTHING_DRAWN:
         return Conditions(play, camera)
-    usual = {"play": play, "camera": camera}
+    usual = Conditions(play, camera).settings
     drawn: dict[str, dict[str, Any]] = {group: {} for group in usual}
     glare_x, glare_y = random(), random()
     for name, how in DRAWN.items():
@@ -154,7 +154,7 @@ def check_ranges(play: PlayConfig, camera: CameraConfig, ranges: RandomiseConfig
     setting at fault."""
     for least_or_most in (lambda: 0.0, lambda: 1.0):
         drawn = draw(play, camera, ranges, least_or_most)
-        for group, settings in (("play", drawn.play), ("camera", drawn.camera)):
+        for group, settings in drawn.settings.items():
             try:
                 from_mapping(type(settings), asdict(settings), group)
             except InputError as error:

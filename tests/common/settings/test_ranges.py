@@ -49,7 +49,7 @@ DRAWN = {
 def flat(conditions: Conditions) -> dict[str, Any]:
     return {
         f"{group}.{name}": value
-        for group, settings in (("play", conditions.play), ("camera", conditions.camera))
+        for group, settings in conditions.settings.items()
         for name, value in asdict(settings).items()
     }
 
@@ -203,7 +203,7 @@ def test_what_is_admitted_never_draws_what_is_not(ranges: RandomiseConfig, seed:
     except InputError:
         return
     found = draw(config.play, config.camera, ranges, np.random.default_rng(seed).random)
-    for group, settings in (("play", found.play), ("camera", found.camera)):
+    for group, settings in found.settings.items():
         from_mapping(type(settings), asdict(settings), group)
 
 

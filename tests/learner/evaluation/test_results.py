@@ -28,8 +28,9 @@ LATE_KEYS = PlayConfig(
 )
 
 
-ABOUT = {"weights": "w", "epsilon": 0.0, "sticky": 0.25, "changed": [], "conditions": []} | {
-    "keys_can_follow": True
+ABOUT = {
+    **{"weights": "w", "epsilon": 0.0, "sticky": 0.25, "changed": [], "conditions": []},
+    "keys_can_follow": True,
 }
 
 
