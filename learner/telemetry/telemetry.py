@@ -71,6 +71,7 @@ class Telemetry(AbstractContextManager["Telemetry"]):
         self._ticks: deque[tuple[float, int, int, float]] = deque()
         """Seconds, and the agent steps, updates and processor seconds until then."""
         self._warming_up = False
+        self._resumed_at: int | None = None
         self._notes: deque[str] = deque(maxlen=_NOTES)
 
     def start(self, rows: int = 0, resumed_at: int | None = None) -> None:
@@ -83,6 +84,7 @@ class Telemetry(AbstractContextManager["Telemetry"]):
             resumed_at: agent steps of the checkpoint; None for a new run.
         """
         self.rows = self.epochs.keep(rows)
+        self._resumed_at = resumed_at
         with ExitStack() as failed:
             failed.callback(self._release)
             for sink in self.sinks:
@@ -244,6 +246,8 @@ class Telemetry(AbstractContextManager["Telemetry"]):
         now = self.now(), phases.agent_steps, phases.updates, time.process_time()
         if self._warming_up and phases.epoch:
             self._ticks.clear()  # without updates it was several times as fast
+        if phases.agent_steps == self._resumed_at:
+            self._ticks.clear()  # its actors are still starting
         self._warming_up = not phases.epoch
         self._ticks.append(now)
         while now[0] - self._ticks[0][0] > _RATE_WINDOW:

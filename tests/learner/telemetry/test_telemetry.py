@@ -262,6 +262,21 @@ def test_the_warm_up_tells_nothing_of_how_long_training_takes(tmp_path: Path) ->
     assert (values["stream/steps_per_second"], values["run/seconds_to_goal"]) == (10.0, left / 10)
 
 
+def test_while_actors_of_a_resumed_run_start_no_time_left_is_told(tmp_path: Path) -> None:
+    run = Run(tmp_path)
+    run.phases.epoch = 1
+    run.telemetry.start(resumed_at=run.phases.agent_steps)
+    goal: dict[str, Value] = {"run/steps_goal": run.phases.agent_steps + 1_000}
+    for _ in range(3):
+        assert run.values(**goal)["run/seconds_to_goal"] is None
+        run.now += 5.0
+    run.values(**goal)
+    run.phases.agent_steps += 100
+    run.now += 1.0
+    values = run.values(**goal)
+    assert (values["stream/steps_per_second"], values["run/seconds_to_goal"]) == (50.0, 18.0)
+
+
 def test_what_the_learner_takes_of_its_machine_is_of_late(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
