@@ -26,7 +26,7 @@ from benchmarks.pace import in_turns
 from benchmarks.peer_update import DOUBLE_DQN, noise_batch
 from benchmarks.random_play import random_play
 from benchmarks.replay import draw
-from benchmarks.report import BenchmarkOptions, Report, Table, main
+from benchmarks.report import BenchmarkOptions, Report, Table, main, with_time_left
 from common.checked import FromOne
 from common.native.kernel import instruction_sets
 from common.native.library import multiplies_bfloat16
@@ -70,6 +70,9 @@ class Options(BenchmarkOptions):
     """Updates per turn."""
     compared: Annotated[int, Ge(0)] = 1_000
     """Number of updates for comparing the losses of all kinds of arithmetic; 0 for none."""
+    seeds: FromOne = 8
+    """Number of times that they are compared, each with first weights and minibatches of its own.
+    Rounding alone moves the loss of one seed by a percent or two, in either direction."""
     preset: bool = False
     """The fast preset's QR-DQN of frame differences, with layer normalisation, instead of a Double
     DQN of plain frames, which other libraries have too."""
@@ -163,26 +166,37 @@ def losses(algorithm: Algorithm, batches: Sequence[DeviceBatch], updates: int) -
     return total / updates
 
 
-def compare_precisions(config: RunConfig, updates: int, chosen: Device) -> list[dict[str, Any]]:
-    """Returns a row for each precision."""
+def compare_precisions(
+    config: RunConfig, updates: int, seeds: int, chosen: Device
+) -> list[dict[str, Any]]:
+    """Returns a row for each precision: its loss, and how far that is from float32's in the mean
+    over the seeds, with the standard error of that mean."""
     torch.set_num_threads(1)
-    with scratch() as folder:
-        memory = random_play(config, _RANDOM_STEPS, folder / "replay")
-        batches = [to_device(draw(memory), chosen.torch) for _ in range(min(updates, 500))]
-        memory.close()
     often = replace(config, learning=replace(config.learning, target_update_period=100))
-    found = {
-        name: losses(algorithm_of(often, device), batches, updates)
-        for name, device in precisions_of(chosen).items()
-    }
+    devices = precisions_of(chosen)
+    found = np.empty((seeds, len(devices)))
+    for row in with_time_left(range(seeds), lambda row: f"losses of seed {row + 1}"):
+        seeded = replace(often, seed=row + 1)
+        with scratch() as folder:
+            memory = random_play(seeded, _RANDOM_STEPS, folder / "replay")
+            batches = [to_device(draw(memory), chosen.torch) for _ in range(min(updates, 500))]
+            memory.close()
+        found[row] = [
+            losses(algorithm_of(seeded, device), batches, updates) for device in devices.values()
+        ]
+    away = found / found[:, :1] - 1  # float32 is the first
+    errors = away.std(axis=0, ddof=min(1, seeds - 1)) / seeds**0.5
     return [
         {
             "precision": name,
             "updates": updates,
+            "seeds": seeds,
             "mean loss": loss,
-            "away from float32": f"{loss / found['float32'] - 1:+.2%}",
+            "away from float32": f"{mean:+.2%}" + (f" ± {error:.2%}" if seeds > 1 else ""),
         }
-        for name, loss in found.items()
+        for name, loss, mean, error in zip(
+            devices, found.mean(axis=0), away.mean(axis=0), errors, strict=True
+        )
     ]
 
 
@@ -213,7 +227,7 @@ def measure(options: Options) -> Report:
     if options.compared:
         precisions = "Against float32 by PyTorch, the same minibatches of real frames"
         tables["precisions"] = Table(
-            precisions, compare_precisions(options.config, options.compared, chosen)
+            precisions, compare_precisions(options.config, options.compared, options.seeds, chosen)
         )
     rows = {name: table.rows for name, table in tables.items()}
     return Report(list(tables.values()), {"title": title, **rows})
