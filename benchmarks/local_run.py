@@ -5,7 +5,6 @@ the statistics of chunks, which the replay gives on request; the evaluators' ste
 heartbeats, processor time from /proc. A window begins and ends when a chunk is accepted.
 """
 
-import shlex
 import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
@@ -18,6 +17,7 @@ import tyro
 
 from benchmarks.child import cpu_seconds, stat_of
 from benchmarks.hosted_run import NEVER, HostedRun
+from benchmarks.quoted_flags import quoted_flags
 from benchmarks.report import BenchmarkOptions
 from common.checked import FromOne
 from common.command_line.run_options import parse_run
@@ -79,7 +79,7 @@ class Setting(BenchmarkOptions):
             *("--replay.capacity", "100000", "--replay.learning-starts", str(_WARMUP)),
             # After the warm-up ε has its final value, so that the network chooses.
             *("--exploration.steps", "1", "--protocol.held-out-states", str(_WARMUP)),
-            *shlex.split(self.learner),
+            *quoted_flags(self.learner, "--learner"),
         ]
 
 

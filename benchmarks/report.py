@@ -22,7 +22,8 @@ from common.atomic_file import write_json
 from common.checked import FromOne
 from common.command_line.parser import parse
 from common.errors import InputError, writing
-from learner.telemetry.provenance import check_results_file, machine_line, provenance
+from learner.results_file import check_results_file
+from learner.telemetry.provenance import machine_line, provenance
 
 Numbers = Annotated[tuple[FromOne, ...], MinLen(1)]
 Seconds = Annotated[float, Gt(0)]

@@ -95,6 +95,19 @@ def append_whole(path: Path, content: bytes, *, durable: bool = False) -> None:
         os.close(file)
 
 
+def put_on_disk(path: Path) -> None:
+    """Puts what was written to ``path`` on the disk.
+
+    It uses a descriptor of its own, so that threads that write or close the file need not wait for
+    the disk.
+    """
+    file = os.open(path, os.O_RDONLY | os.O_NOFOLLOW)
+    try:
+        os.fdatasync(file)
+    finally:
+        os.close(file)
+
+
 def _sync_names(folder: Path) -> None:
     """Puts the names of the files in ``folder`` on the disk."""
     file = os.open(folder, os.O_RDONLY)

@@ -89,8 +89,8 @@ class LearnerOptions(RunOptions):
     """Code of an update on a CPU, and of local mode's actors: 'torch', or 'native', which g++ or
     clang compiles here once; 'auto' takes what is faster."""
     cuda_graphs: bool = False
-    """Record an update once as a CUDA graph, and launch it as a whole from then on. No effect
-    without CUDA."""
+    """Record an update once as a CUDA graph, and launch it as a whole from then on. Needs a
+    CUDA device."""
     threads: Annotated[int, Ge(0), Le(MAX_THREADS)] = 0
     """Processor threads of an update; 0 for as many cores as local mode's actors leave free, or
     half of the cores if actors may run in other terminals."""
@@ -221,6 +221,11 @@ class LearnerOptions(RunOptions):
                 "learning",
                 ("rmsprop_decay",) if adam else (),
                 "means nothing to Adam: omit it, or choose --learning.optimizer rmsprop",
+            ),
+            (
+                "learning",
+                () if learning.target == "double" else ("early_choice",),
+                "means nothing without --learning.target double: omit it, or choose that",
             ),
             (
                 "learning",

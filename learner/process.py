@@ -174,11 +174,15 @@ def _first_words(
     """Returns the sentence that says what is trained and where, with the ``disk`` bytes that its
     replay takes."""
     config, join = options.config, "" if options.local else f" ({join_command(options)})"
+    if from_here(endpoint) != endpoint:
+        join = f", any address of this machine (here by {join_command(options)})"
+    goal = options.steps
+    ends = "it trains until it is stopped" if goal is None else f"it ends at {goal:,} agent steps"
     return (
         f"run {folder.name} in {folder.path}: {config.played}, preset {config.preset}, "
         f"{config.learning.algorithm}, on {device.name}; its replay takes "
-        f"{disk / 1e9:.2f} GB of disk; actors find it at {endpoint}"
-        f"{join}."
+        f"{disk / 1e9:.2f} GB of disk; actors find it at {endpoint}{join}; "
+        f"{ends}."
     )
 
 

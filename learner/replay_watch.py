@@ -75,7 +75,7 @@ class ReplayWatch:
             self.look()
 
     @property
-    def why_it_stands(self) -> str:
+    def stall_reason(self) -> str:
         """Why there is no progress, if there is none."""
         if self.progress.throttle and not self.progress.samplable:
             # Each stream of steps has a share of the ring, and its last n steps lack their future.

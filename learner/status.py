@@ -138,8 +138,8 @@ class Report:
         if learner is not None:
             stream = (
                 "staleness {stream/staleness_p50}/{stream/staleness_p95} updates (p50/p95); "
-                "samples per insert {stream/samples_per_insert} of "
-                "{stream/samples_per_insert_goal}; {stream/steps_per_second} steps/s"
+                "samples per insert {stream/samples_per_insert}, "
+                "target {stream/samples_per_insert_goal}; {stream/steps_per_second} steps/s"
             )
             say(fill(stream, values))
             say(scores(values))

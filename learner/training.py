@@ -11,6 +11,9 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any, TypeVar
 
+import numpy as np
+from numpy.typing import NDArray
+
 from common.counted import counted
 from common.errors import InputError
 from common.metrics import Value
@@ -20,7 +23,7 @@ from common.registry import SAMPLERS
 from common.run.network_file import encode_network_file
 from common.schedule import Every
 from common.settings.config import RunConfig
-from learner.algorithm.interface import Algorithm
+from learner.algorithm.interface import Algorithm, Update
 from learner.broadcast import Broadcast
 from learner.checkpoint import Checkpoint
 from learner.evaluation.coordinator import EvaluationCoordinator
@@ -143,11 +146,22 @@ class Learner:
         if self._prioritised:
             self.losses.check()
             if not self.losses.was_skipped(updates):
-                self.replay.update_priorities(batch.ids, result.priorities.cpu().numpy())
+                self.replay.update_priorities(batch.ids, self._priorities_of(result))
         if updates % learning.publish_period == 0:
             self._publish()
         if updates % learning.checkpoint_period == 0:
             self._checkpoint()
+
+    def _priorities_of(self, result: Update) -> NDArray[np.float32]:
+        """Returns the steps' new priorities. Raises InputError if the algorithm, which may be
+        another package's, gives a negative one."""
+        priorities: NDArray[np.float32] = result.priorities.cpu().numpy()
+        if (priorities < 0).any():
+            raise InputError(
+                f"the algorithm {self.config.learning.algorithm!r} gives negative priorities: "
+                "return magnitudes, from 0 on."
+            )
+        return priorities
 
     def _look(self) -> None:
         """Takes in what happened in other processes, and does what is due by the clock."""
@@ -313,7 +327,7 @@ class Learner:
             checks if self.phases.epoch else (),
             self.phases.agent_steps,
             self.phases.updates,
-            self._watch.why_it_stands,
+            self._watch.stall_reason,
         )
         if self.failed is not None:
             self.stop.set()

@@ -89,6 +89,7 @@ class _State:
     tail: Count
     head: Count
     received: Rows[_Stream]
+    held: Count
 
 
 class ChunkIndex:
@@ -105,6 +106,9 @@ class ChunkIndex:
         """The oldest id alive; ids below it are evicted."""
         self.head = 0
         """First id of the next chunk. It never falls, so that no id is used twice."""
+        self.unlisted = 0
+        """Number of chunks that the journal from which this was rebuilt should list, and does
+        not."""
         self.statistics: deque[ChunkStatistics] = deque()
         """Statistics of the newest chunks. A learner that was killed asks again for those that it
         counted after its checkpoint."""
@@ -190,6 +194,7 @@ class ChunkIndex:
             "accepted": self.accepted,
             "tail": self.tail,
             "head": self.head,
+            "held": len(self.chunks),
             "received": [
                 [*stream, received.highest, received.gaps]
                 for stream, received in self._received.items()
@@ -209,10 +214,11 @@ class ChunkIndex:
         """Applies a journal entry. Raises KeyError, TypeError or ValueError if it is not valid."""
         kind = entry["kind"]
         if kind == "state":
-            told = {"head": entry["tail"], **entry}  # former journals have no head
+            told = {"head": entry["tail"], "held": 0, **entry}  # former journals have neither
             state = build(_State, {name: told[name] for name in _State.__dataclass_fields__})
             self.agent_steps, self.accepted = state.agent_steps, state.accepted
             self.tail, self.head = state.tail, state.head
+            self.unlisted = state.held
             for actor, incarnation, stream, highest, gaps in state.received:
                 received = Received(highest, [list(gap) for gap in gaps])
                 self._received[actor, incarnation, stream] = received
@@ -223,6 +229,7 @@ class ChunkIndex:
             self._keep(build(ChunkStatistics, entry["facts"]))
         elif kind == "held":
             self._hold(*_chunk(entry))
+            self.unlisted -= 1
         elif kind == "chunk":
             self.accept(*_chunk(entry), build(ChunkStatistics, entry["facts"]))
         elif kind == "tail":

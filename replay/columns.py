@@ -16,10 +16,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from common.atomic_file import has_room
+from common.atomic_file import has_room, put_on_disk
 from common.errors import InputError
 from common.protocol.step_fields import STEP_FIELDS, Column
-from replay.journal import damaged, put_on_disk
+from replay.damage import damaged
 
 
 class Columns:

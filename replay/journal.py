@@ -12,11 +12,10 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from common.atomic_file import write_atomically
+from common.atomic_file import put_on_disk, write_atomically
 from common.crc32 import crc32
-from common.errors import InputError, cannot_read, writing
+from common.errors import cannot_read, writing
 from common.regular_file import read_file
-from common.run.folder import CHECKPOINT
 
 Entry = dict[str, Any]
 _MARK = b',"crc":'
@@ -44,27 +43,6 @@ def _entry(line: bytes, checked: bool) -> Entry | None:
     except (ValueError, RecursionError):
         return None
     return entry if isinstance(entry, dict) else None
-
-
-def damaged(path: Path, how: str) -> InputError:
-    """Returns the error that says that a replay's file is damaged."""
-    return InputError(
-        f"{path} is damaged {how}: put it back from a copy, or begin another run, with "
-        f"this one's network by --initial {path.parent.parent / CHECKPOINT}."
-    )
-
-
-def put_on_disk(path: Path) -> None:
-    """Puts what was written to ``path`` on the disk.
-
-    It uses a descriptor of its own, so that threads that write or close the file need not wait for
-    the disk.
-    """
-    file = os.open(path, os.O_RDONLY | os.O_NOFOLLOW)
-    try:
-        os.fdatasync(file)
-    finally:
-        os.close(file)
 
 
 class Journal:

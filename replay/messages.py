@@ -8,6 +8,7 @@ from annotated_types import Ge, Le
 from numpy.typing import NDArray
 
 from common.checked import MAX_COUNT, Amount, Count
+from common.errors import MessageError
 from common.protocol.message import Array, Message
 from common.protocol.step_fields import FRAME_BYTES, FRAME_SHAPE
 from common.protocol.wire import MAX_MESSAGE_BYTES
@@ -34,6 +35,12 @@ class SampleRequest(Message):
     """Ids of steps with a new priority."""
     priorities: Annotated[NDArray[np.float32], Array("B")]
     """Their priorities; see `replay.interface.Replay.update_priorities`."""
+
+    def check(self) -> None:
+        """See `Message.check`. A priority may be non-finite, but neither it nor an id is
+        negative."""
+        if (self.ids < 0).any() or (self.priorities < 0).any():
+            raise MessageError("priorities and ids should not be negative")
 
 
 @dataclass(frozen=True)

@@ -1,5 +1,5 @@
-"""What a replay finds in its files when it starts: the chunk index in the journal, and the chunks
-in the ring, whose links are made again. What is damaged is reported, and the rest is used."""
+"""Restores a replay from its files: the chunk index from the journal, and the links between the
+chunks in the ring. What is damaged is reported, and the rest is used."""
 
 import logging
 from pathlib import Path
@@ -11,7 +11,8 @@ from common.errors import InputError
 from common.process.progress import Progress
 from common.settings.config import RunConfig
 from replay.chunk_index import ChunkIndex
-from replay.journal import Entry, damaged, read_journal
+from replay.damage import damaged
+from replay.journal import Entry, read_journal
 from replay.ring import Ring
 
 FORMAT = 2
@@ -70,6 +71,9 @@ def read_index(path: Path, config: RunConfig) -> tuple[ChunkIndex, str | None]:
             "the rest is used"
         )
         _log.warning(text, len(lost), len(entries), path, lost[0])
+    if (cut := index.unlisted - len(lost)) > 0:
+        text = "%s was cut short: at least %d chunks that it listed are lost, the rest is used"
+        _log.warning(text, path, cut)
     # In case the line that evicts them was lost.
     index.evict(max(index.tail, index.head - config.replay.capacity))
     identity = header.get("uuid")

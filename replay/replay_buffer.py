@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.checked import MAX_COUNT
-from common.errors import MessageError
 from common.process.footprint import footprint
 from common.protocol.ack import Ack
 from common.protocol.chunk import Chunk
@@ -48,9 +47,10 @@ class ReplayBuffer:
         """Number of actors' messages that must be sent again, over quota or in spite of the
         throttle, since this process began."""
         self.shut_out = 0
-        """Number of connections by processes that this hub does not admit, since then."""
+        """Number of connections by processes that this hub does not admit, since this process
+        began."""
         self.draws = False
-        """Whether a learner has asked for a minibatch since then."""
+        """Whether a learner has asked for a minibatch since this process began."""
         self._batch_size = config.learning.batch_size
         self._difficulty_after = config.difficulty_after
         self.released: Callable[[], None] = lambda: None
@@ -190,10 +190,7 @@ class ReplayBuffer:
         return len(self._store.sampler) > 0 and self._limiter.may_sample(inserted, drawn)
 
     def update_priorities(self, ids: NDArray[np.int64], priorities: NDArray[np.float32]) -> None:
-        """See `Replay.update_priorities`. Raises MessageError if a priority or an id is
-        negative."""
-        if (priorities < 0).any() or (ids < 0).any():
-            raise MessageError("priorities and ids should not be negative")
+        """See `Replay.update_priorities`."""
         finite = np.isfinite(priorities)
         with self._state:
             self._store.sampler.update(ids[finite], priorities[finite].astype(np.float64))

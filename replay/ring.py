@@ -181,7 +181,7 @@ class Ring:
         complete = (self._rows["flags"][ids % self._capacity] & STEP) > 0
         for at in range(0, len(ids), _BLOCK):
             block = slice(at, at + _BLOCK)
-            path, stacks = self._ways(ids[block])
+            path, stacks = self._path_and_stacks(ids[block])
             complete[block] &= (path >= self.tail).all(axis=0)
             complete[block] &= (stacks.reshape(2, -1, self._frame_stack) >= self.tail).all(
                 axis=(0, 2)
@@ -206,7 +206,7 @@ class Ring:
         It needs no lock. An id's slot is overwritten only after ``tail`` has passed the id, so if
         all ids on the way are alive afterwards, everything that was read belonged to them.
         """
-        path, stacks = self._ways(ids)
+        path, stacks = self._path_and_stacks(ids)
         frames = self._frames(stacks)
         count = len(ids)
         batch = Batch(s_tm1=frames[:count], s_t=frames[count:], **self._rest(path, weights))
@@ -214,7 +214,7 @@ class Ring:
 
     def read_shared(self, ids: Ids, weights: NDArray[np.float32]) -> SharedBatch | None:
         """Returns what `read` returns, with each frame once."""
-        path, stacks = self._ways(ids)
+        path, stacks = self._path_and_stacks(ids)
         once, places = np.unique(stacks, return_inverse=True)
         batch = SharedBatch(
             frames=self._frames(once),
@@ -223,7 +223,7 @@ class Ring:
         )
         return batch if self._are_alive(path) and self._are_alive(stacks) else None
 
-    def _ways(self, ids: Ids) -> tuple[Ids, Ids]:
+    def _path_and_stacks(self, ids: Ids) -> tuple[Ids, Ids]:
         """Returns the path from ``ids``, and the stacks of the first and of the last states on
         it."""
         path = self._path(ids)

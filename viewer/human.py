@@ -34,6 +34,7 @@ from common.press_latency import COUNTS, KeyLatency
 from common.process.extras import check_extra
 from common.registry import ENVIRONMENTS
 from common.settings.clock import ClockConfig
+from viewer.player import unfinished
 from viewer.recorder import Recorder, check_new_folder
 from viewer.terminal.half_blocks import HalfBlocks
 from viewer.terminal.held_keys import HeldKeys
@@ -104,6 +105,8 @@ class Human(Played):
                 seat.show(step)
         for number, score in enumerate(scores, 1):
             print(f"game {number}: score {points(score)}")
+        if not scores:
+            print(unfinished(step.info))
         if recorder is not None:
             print(recorder.summary)
 

@@ -10,8 +10,11 @@ from numpy.typing import NDArray
 
 from actors.envs import make_env
 from actors.envs.shown_env import ShownEnv
+from actors.envs.step_info import StepInfo
 from actors.policy import Policy
 from common.command_line.parser import WeightsFile
+from common.counted import counted
+from common.minus import points
 from common.settings.clock import ClockConfig
 from common.settings.config import RunConfig
 
@@ -23,6 +26,13 @@ Network = Annotated[WeightsFile | None, tyro.conf.Positional, tyro.conf.arg(meta
 def shown_env(config: RunConfig, clock: ClockConfig | None = None) -> closing[ShownEnv[Any, Any]]:
     """Returns a context of the environment of ``config``, whose episodes are whole games."""
     return closing(make_env(config, clock, training=False))
+
+
+def unfinished(info: StepInfo) -> str:
+    """Returns the sentence about play in which no game ended, after its last step."""
+    return (
+        f"no game ended: score {points(info.game_score)} after {counted(info.game_steps, 'step')}"
+    )
 
 
 class ShownPolicy(Policy):

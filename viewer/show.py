@@ -21,7 +21,7 @@ from common.process.progress import Progress
 from common.settings.clock import ClockConfig
 from viewer.movie import check_movie, open_movie
 from viewer.panels import Panels
-from viewer.player import File, Network, ShownPolicy, shown_env
+from viewer.player import File, Network, ShownPolicy, shown_env, unfinished
 from viewer.rerun_stream import RerunStream
 from viewer.terminal.rendering import ROOM_EVERY
 
@@ -112,10 +112,7 @@ class Play(Played):
                 )
                 if ended or stop.is_set():
                     if not scores:
-                        print(
-                            f"no game ended: score {points(step.info.game_score)} "
-                            f"after {counted(step.info.game_steps, 'step')}"
-                        )
+                        print(unfinished(step.info))
                     if not ended:
                         print(f"stopped after {seconds:.1f} s of play")
                     break

@@ -30,7 +30,7 @@ from common.run.origin import name_of, shown_weights
 from common.settings.config import RunConfig
 from viewer import overlay
 from viewer.human import keys_text
-from viewer.player import Network, ShownPolicy, shown_env
+from viewer.player import Network, ShownPolicy, shown_env, unfinished
 from viewer.terminal.graphics import QUESTIONS, Graphics, GraphicsAnswers
 from viewer.terminal.half_blocks import HalfBlocks
 from viewer.terminal.held_keys import HeldKeys
@@ -110,6 +110,8 @@ class Watch(Played):
                     break
         for number, score in enumerate(scores, 1):
             print(f"game {number}: score {points(score)}")
+        if not scores:
+            print(unfinished(step.info))
 
 
 class WatchScreen:

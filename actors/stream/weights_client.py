@@ -24,11 +24,14 @@ class WeightsClient:
 
     def __init__(self, transport: Transport, keys: RunKeys) -> None:
         self._run_id = keys.run_id
-        # The transport's thread appends; only the actor's thread takes out.
+        # The transport's thread appends broadcasts, the actor's thread what it fetched; only that
+        # takes out.
         self._latest: deque[tuple[int, bytes, bytes]] = deque(maxlen=1)
+        self._broadcasts = 0
+        """Number of weights that came without being asked for."""
         self._asked = -math.inf
         self._requester = transport.requester(keys.latest_weights, _FETCH_TIMEOUT)
-        self._subscription = transport.subscribe(keys.weights, self._receive)
+        self._subscription = transport.subscribe(keys.weights, self._hear)
 
     def take(self) -> tuple[int, bytes, bytes] | None:
         """Returns version, safetensors bytes and signature, all unchecked; None if taken before."""
@@ -39,14 +42,22 @@ class WeightsClient:
         if time.monotonic() - self._asked < _FETCH_PERIOD:
             return
         self._asked = time.monotonic()
+        heard = self._broadcasts
         with contextlib.suppress(Unanswered, MessageError):  # there may be none yet
-            self._receive(self._requester.request(b"").result())
+            answer = self._requester.request(b"").result()
+            if heard == self._broadcasts:  # else one that came meanwhile is newer
+                self._receive(answer)
 
-    def _receive(self, message: Envelope) -> None:
+    def _hear(self, message: Envelope) -> None:
+        self._broadcasts += self._receive(message)
+
+    def _receive(self, message: Envelope) -> bool:
+        """Keeps the weights in ``message``; returns whether it has any of this run."""
         if len(message.payload) > MAX_MESSAGE_BYTES:
-            return
+            return False
         try:
             version, signature = decode_version(message.attachment, self._run_id)
         except MessageError:
-            return
+            return False
         self._latest.append((version, message.payload, signature))
+        return True

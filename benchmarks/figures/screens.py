@@ -8,7 +8,6 @@ import fcntl
 import os
 import pty
 import re
-import shlex
 import shutil
 import struct
 import subprocess
@@ -25,6 +24,7 @@ from rich.terminal_theme import SVG_EXPORT_THEME
 from rich.text import Text
 
 from benchmarks.child import free_endpoint, run_program, scratch
+from benchmarks.quoted_flags import quoted_flags
 from common.command_line.parser import parse
 from common.errors import InputError
 from common.process.extras import extra_for
@@ -72,7 +72,7 @@ def draw(options: Screens) -> None:
     chromium = shutil.which("chromium") or shutil.which("chromium-browser")
     if chromium is None:
         raise InputError("there is no Chromium to draw with: run make browser first.")
-    given = shlex.split(options.learner)
+    given = quoted_flags(options.learner, "--learner")
     with scratch() as runs:
         web = free_endpoint().removeprefix("tcp/")
         own = () if "--resume" in given else ("--run", "pong", "--runs", str(runs), *_RUN)

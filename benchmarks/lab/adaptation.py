@@ -10,9 +10,11 @@ import json
 import shlex
 import shutil
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from benchmarks.lab.policy import PlayingOptions, TrainingOptions, evaluate, train
+from benchmarks.quoted_flags import quoted_flags
 from benchmarks.report import Report, Table, main
 from common.atomic_file import write_json
 from common.checked import FromOne
@@ -27,9 +29,9 @@ from common.settings.stored_config import flag_of, flat
 from learner.options import LearnerOptions
 
 ADAPTING = {
-    "learning.learning-rate": "2e-4",
-    "learning.final-learning-rate": "2e-5",
-    "replay.learning-starts": "1000",
+    "learning.learning_rate": "2e-4",
+    "learning.final_learning_rate": "2e-5",
+    "replay.learning_starts": "1000",
     "replay.capacity": "100000",
     "exploration.start": "0.05",
     "exploration.end": "0.02",
@@ -43,9 +45,8 @@ _AS_FRUGAL = (
     "learning.target_update_period",
     "learning.publish_period",
 )
-"""Settings that are those of the preset frugal: steps of a body are expensive and therefore few, so
-there is an update at each. Of 16 samples it brings twice as much as one of 64 at every second
-(LOG.md)."""
+"""Settings taken from the preset `frugal`. A robot's steps are expensive, so each one gets an
+update. One of 16 samples brings twice as much as one of 64 at every second step (LOG.md)."""
 _WORLD = ("play.", "camera.", "randomise.")
 _EPOCHS = 10
 _NEAR = 2.0
@@ -71,20 +72,29 @@ class Options(TrainingOptions, PlayingOptions):
         super().check()
         if self.tests > self.steps:
             raise InputError(f"--tests {self.tests} is more than --steps: choose fewer tests.")
+        quoted_flags(self.to, "--to", ("--seed",))
 
 
 def measure(options: Options) -> Report:
     trained = trained_settings(options.network)
-    to = shlex.split(options.to)
+    to = quoted_flags(options.to, "--to")
     folder = RunFolder(options.runs, options.run)
     fixed = ["--evaluators", "0", "--seed", f"{options.seed}"]
-    flags = [*training_flags(trained, options.steps), *fixed, *to, *shlex.split(options.learner)]
+    flags = [
+        *training_flags(trained, options.steps),
+        *fixed,
+        *to,
+        *quoted_flags(options.learner, "--learner"),
+    ]
     # Settings with which nothing could train are refused before anything is played.
     initial = ["--initial", str(options.network)]
     first = ["--steps", f"{options.steps // options.tests}"]
     parse_run(LearnerOptions, "learner", [*flags, *initial, *first], lambda _: None)
-    own = evaluate(options.network, options.games, options.epsilon)
+    for test in range(1, options.tests + 1):
+        _trained_before(options, folder, test, flags)
+    # The other world first: one in which the network cannot play is refused at once.
     before = evaluate(options.network, options.games, options.epsilon, to)
+    own = evaluate(options.network, options.games, options.epsilon)
     curve = [before | {"trained_steps": 0, "minutes": 0.0}]
     for test in range(1, options.tests + 1):
         # The world again: an evaluation draws only from the ranges that its own flags name.
@@ -98,10 +108,10 @@ def measure(options: Options) -> Report:
         for each in curve
     ]
     note = (
-        "after all of them it was not within two points of its own world"
+        f"after all of them it was not within {_NEAR:g} points of its own world"
         if reached is None
         else f"from {reached['trained_steps']:,} agent steps and {reached['minutes']:.1f} "
-        "minutes of training on it was within two points of its own world"
+        f"minutes of training on it was within {_NEAR:g} points of its own world"
     )
     title = (
         f"{options.network.stem} in the world of {options.to}, ε = {options.epsilon:g}, "
@@ -121,21 +131,44 @@ def _after(
 ) -> dict[str, Any]:
     """Returns the evaluation after so many of the tests' shares of the training, which goes on
     until then. Raises InputError if the folder holds those of another training."""
-    steps = options.steps * test // options.tests
-    kept = folder.path / f"after-{steps}.safetensors"
-    told = kept.with_suffix(".json")
-    asked = {"flags": flags, "initial": identity_of(options.network)}
-    if not told.exists():
+    known = _trained_before(options, folder, test, flags)
+    kept = _kept(options, folder, test)
+    if known is None:
         # The network gives the run its layers.
-        summary = train(folder, steps, [*flags, "--initial", str(options.network)])
+        initial = ["--initial", str(options.network)]
+        summary = train(folder, options.steps * test // options.tests, [*flags, *initial])
         shutil.copyfile(folder.checkpoint, kept)
-        taken = {name: summary[name] for name in ("agent_steps", "wall_seconds")}
-        write_json(told, asked | taken)
-    known = json.loads(told.read_bytes())
-    if known != known | asked:
-        raise InputError(f"{folder.path} is of another adaptation: name another with --run.")
+        known = {name: summary[name] for name in ("agent_steps", "wall_seconds")}
+        write_json(kept.with_suffix(".json"), _asked(options, flags) | known)
     games = evaluate(kept, options.games, options.epsilon, to)
     return games | {"trained_steps": known["agent_steps"], "minutes": known["wall_seconds"] / 60}
+
+
+def _kept(options: Options, folder: RunFolder, test: int) -> Path:
+    """Returns the file of the network that plays in a test."""
+    return folder.path / f"after-{options.steps * test // options.tests}.safetensors"
+
+
+def _asked(options: Options, flags: list[str]) -> dict[str, Any]:
+    return {"flags": flags, "initial": identity_of(options.network)}
+
+
+def _trained_before(
+    options: Options, folder: RunFolder, test: int, flags: list[str]
+) -> dict[str, Any] | None:
+    """Returns what was written when the training came to a test; None if it has not come there.
+    Raises InputError if the file is damaged, or of another training."""
+    told = _kept(options, folder, test).with_suffix(".json")
+    if not told.exists():
+        return None
+    try:
+        known: dict[str, Any] = json.loads(told.read_bytes())
+        same = known == known | _asked(options, flags)
+    except (ValueError, TypeError):
+        same = False
+    if not same:
+        raise InputError(f"{told} is damaged or of another adaptation: name another with --run.")
+    return known
 
 
 def held_from(curve: list[dict[str, Any]], least: float) -> dict[str, Any] | None:
@@ -149,8 +182,8 @@ def training_flags(trained: RunConfig, steps: int) -> list[str]:
     """Returns the flags of a run in the world of ``trained``, with the settings of `ADAPTING`."""
     preset = PRESETS[ENVIRONMENTS.find(trained.env).preset]
     schedule = {
-        "learning.annealing-steps": f"{steps}",
-        "protocol.epoch-steps": f"{max(steps // _EPOCHS, 1)}",
+        "learning.annealing_steps": f"{steps}",
+        "protocol.epoch_steps": f"{max(steps // _EPOCHS, 1)}",
     }
     settings = {"preset": preset.preset, "env": trained.env, "game": trained.game}
     usual = flat(preset)

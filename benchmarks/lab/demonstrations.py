@@ -8,16 +8,18 @@ interrupted training.
 """
 
 import json
-import shlex
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import tyro
 
-from benchmarks.lab.policy import TrainingOptions, first_at, scores_of, train
+from benchmarks.lab.policy import TrainingOptions, first_at, scores_of, summary_of_all, train
+from benchmarks.quoted_flags import quoted_flags
 from benchmarks.report import Report, main
+from common.atomic_file import write_json
 from common.checked import FromOne
+from common.errors import InputError
 from common.run.epochs import EpochTable
 from common.run.folder import RunFolder
 
@@ -66,10 +68,14 @@ def measure(options: Options) -> Report:
 def _train(options: Options, seed: int, how: str) -> dict[str, Any]:
     folder = RunFolder(options.runs, f"{options.run}-{how}-seed-{seed}")
     given = ["--demonstrations", str(options.recording)] if how == _WITH else []
-    flags = [*shlex.split(options.learner), "--seed", f"{seed}", *given]
-    summary = json.loads(folder.summary.read_text()) if folder.summary.exists() else {}
-    if summary.get("agent_steps", 0) < options.steps:
-        summary = train(folder, options.steps, flags)
+    flags = [*quoted_flags(options.learner, "--learner"), "--seed", f"{seed}", *given]
+    asked, told = {"flags": flags, "steps": options.steps}, folder.path / "asked.json"
+    if not told.exists():
+        train(folder, options.steps, flags)
+        write_json(told, asked)
+    elif json.loads(told.read_bytes()) != asked:
+        raise InputError(f"{folder.path} is of another comparison: name another with --run.")
+    summary = summary_of_all(folder, options.steps)
     recorded = summary["demonstrations"]
     own = summary["config"]["replay"]["learning_starts"] - recorded
     tests = scores_of(EpochTable(folder.epochs).rows(), "test")

@@ -8,7 +8,6 @@ its twin's. The same command continues with what was interrupted or is missing.
 `python -m benchmarks.figures.plot --figure games FILE` draws the curves of training.
 """
 
-import shlex
 from dataclasses import dataclass
 from functools import partial
 from typing import Annotated, Any, NamedTuple
@@ -16,6 +15,7 @@ from typing import Annotated, Any, NamedTuple
 from annotated_types import MinLen
 
 from benchmarks.lab.policy import TrainingOptions, headline, scores_of, train
+from benchmarks.quoted_flags import quoted_flags
 from benchmarks.report import Report, main, measure_missing, resumed, scored
 from common.checked import FromOne
 from common.games import check_game
@@ -80,7 +80,7 @@ class Options(TrainingOptions):
     def flags(self, game: str, env: str) -> list[str]:
         """Returns the flags of a run's learner, without its folder and its steps."""
         run = ["--preset", self.preset, "--env", env, "--game", game, "--seed", f"{self.seed}"]
-        return [*run, "--evaluators", "0", *shlex.split(self.learner)]
+        return [*run, "--evaluators", "0", *quoted_flags(self.learner, "--learner")]
 
     def folder(self, game: str, env: str) -> RunFolder:
         return RunFolder(self.runs, f"games-{game}-{env}-{self.seed}".replace("_", "-"))

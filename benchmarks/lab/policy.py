@@ -1,18 +1,20 @@
 """Trains and evaluates policies for the experiments, by `python -m learner` as users do.
 
 `train` starts or resumes a run with given flags; `evaluate` and `headline` play whole games.
-`summary_of_all` and `scores_of` read the files of a run.
+`summary_of_all` reads the summary of a run; `scores_of` and `first_at` search the rows of its
+epochs.
 """
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
 import tyro
 
 from benchmarks.child import free_endpoint, run_module, scratch
+from benchmarks.quoted_flags import quoted_flags
 from benchmarks.report import BenchmarkOptions
 from common.checked import Fraction, FromOne
 from common.command_line.parser import WeightsFile
@@ -36,6 +38,11 @@ class TrainingOptions(BenchmarkOptions):
     """Seed of the first run; those of further ones follow it."""
     runs: Path = Path("runs")
     """Folder that holds the runs."""
+
+    def check(self) -> None:
+        super().check()
+        own = {f"--{field.name.replace('_', '-')}" for field in fields(self)}
+        quoted_flags(self.learner, "--learner", own)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -119,8 +126,13 @@ def evaluate(
         flags: settings that differ from those of the network's training.
 
     Raises:
-        InputError: the evaluation failed and printed why.
+        InputError: there is no ``network``, or the evaluation failed and printed why.
     """
+    if not network.exists():
+        raise InputError(
+            f"{network} does not exist: name --runs, and --label if there was one, as when it was "
+            "trained."
+        )
     with scratch() as folder:
         found = folder / "evaluation.json"
         asked = ["--games", f"{games}", "--json", str(found)]

@@ -10,8 +10,6 @@ robustness FILE` draws it as a heat map, or as a curve if there is only one opti
 
 import hashlib
 import json
-import shlex
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
@@ -21,10 +19,10 @@ from annotated_types import Ge, Le, MinLen
 
 from ale_robot.policies import GridScores
 from benchmarks.lab.policy import PlayingOptions, evaluate
+from benchmarks.quoted_flags import names_of, quoted_flags
 from benchmarks.report import Report, Row, Table, main, measure_missing, resumed, scored
 from common.atomic_file import write_json
 from common.checked import Fraction, FromOne
-from common.command_line.parser import flag_in
 from common.command_line.played import parse_played
 from common.errors import InputError, choice
 from common.press_latency import ms_of
@@ -100,16 +98,11 @@ class Options(PlayingOptions):
         super().check()
         if self.robot is not None:
             ROBOTS.find(self.robot)
-        try:
-            given = _flags(shlex.split(self.flags))
-        except ValueError as error:
-            raise InputError(f"--flags is {self.flags!r} ({error}): quote it whole.") from None
         for name in self.optics:
             if name not in OPTICS:
                 raise InputError(f"there is no optics {name!r}: {choice(name, [*OPTICS])}")
-        own = {*_flags(cell_flags(0, "nominal", 0.0, "nao")), "--robot", *_OWN}
-        if refused := sorted(given & own):
-            raise InputError(f"--flags names {refused[0]}, which the grid itself gives: omit it.")
+        own = {*names_of(cell_flags(0, "nominal", 0.0, "nao")), "--robot", *_OWN}
+        quoted_flags(self.flags, "--flags", own)
         grid = self.latencies, self.optics, self.sticky, self.robot, self.flags, self.epsilon
         if self.card and grid != (_LATENCIES, tuple(OPTICS), 0.0, None, "", EPSILON):
             raise InputError(
@@ -148,7 +141,7 @@ class Options(PlayingOptions):
     def cell_flags(self, optics: str, latency: int) -> list[str]:
         """Returns the flags of a cell's evaluation."""
         cell = cell_flags(latency, optics, self.sticky, self.robot)
-        return [*cell, *shlex.split(self.flags), "--seed", f"{self.seed}"]
+        return [*cell, *quoted_flags(self.flags, "--flags"), "--seed", f"{self.seed}"]
 
 
 def cell_flags(latency: int, optics: str, sticky: float, robot: str | None = None) -> list[str]:
@@ -161,11 +154,6 @@ def cell_flags(latency: int, optics: str, sticky: float, robot: str | None = Non
         "play.sticky": f"{sticky:g}",
     }
     return [part for name, value in settings.items() for part in (f"--{name}", value)]
-
-
-def _flags(arguments: Sequence[str]) -> set[str]:
-    """Returns the flags among ``arguments``, without their values."""
-    return {flag_in(each) for each in arguments if each.startswith("--")}
 
 
 def measure(options: Options) -> Report:

@@ -1,4 +1,4 @@
-"""Whether the compiled code is used: for an update, and for a training actor's forward passes."""
+"""Chooses whether compiled code or PyTorch computes updates and a training actor's passes."""
 
 from typing import TYPE_CHECKING, Literal
 
@@ -39,9 +39,9 @@ def instruction_sets() -> list[InstructionSet]:
 def bfloat16_is_faster() -> bool:
     """Returns whether the compiled code multiplies bfloat16 faster than float32 here.
 
-    So do all processors with AVX-512 bf16 but Intel's, which take twice the time for that
-    instruction that they take for the two of float32 which it stands for. PyTorch, too, computes
-    float32 faster on those without AMX (benchmarks/LOG.md).
+    True on every processor with AVX-512 bf16 except Intel's. There, one bfloat16 instruction takes
+    twice as long as the two float32 instructions that it replaces. PyTorch, too, computes float32
+    faster on those without AMX (benchmarks/LOG.md).
     """
     import torch
 

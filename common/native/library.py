@@ -90,8 +90,8 @@ def library(instruction_set: InstructionSet) -> CDLL:
 
 
 def _whole(instruction_set: InstructionSet) -> Path:
-    """Returns the compiled file, which is made anew if its digest is wrong: to load a damaged one
-    could end the process. Raises OSError or NativeUnavailableError."""
+    """Returns the compiled file, and recompiles it if its digest is wrong: a damaged library could
+    crash the process. Raises OSError or NativeUnavailableError."""
     path = _compiled(instruction_set)
     size = _DIGEST().digest_size
     content = path.read_bytes()

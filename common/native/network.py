@@ -38,7 +38,7 @@ class NativeQNetwork(QNetwork):
 
     The compiled code has its own copy of the weights: call `pack` when an optimizer has changed
     them. It keeps one forward pass with gradients, until `backward` takes it; PyTorch does further
-    ones.
+    ones. Unlike a `QNetwork`, it computes for one thread at a time.
     """
 
     def __init__(self, master: QNetwork, instruction_set: InstructionSet) -> None:
@@ -68,7 +68,7 @@ class NativeQNetwork(QNetwork):
         )
         self._gradients = [*of_weights, *of_biases]
         self._of_dense = of_weights[-1]
-        # Looked up once, which PyTorch takes longer for than an update has to spare.
+        # Looked up once: PyTorch's look-up is too slow to repeat in every update.
         self._parameters_at = addresses(self._weights), addresses(self._biases)
         self._gradients_at = addresses(of_weights), addresses(of_biases)
         self._kept: _Kept | None = None

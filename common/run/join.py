@@ -35,14 +35,17 @@ def patiently(
     now: Now = time.monotonic,
 ) -> Callable[[], bool]:
     """Returns a function that says whether ``stop`` is set, for callers that wait for a run and ask
-    after each attempt. At the first call, and then every 10 s, it prints that they wait, and that
-    they do so for ``patience`` seconds."""
-    reminder = Every(_TELL_EVERY, now)
-    most = f" for at most {patience:.0f} s" if math.isfinite(patience) else ""
+    after each attempt. At the first call, and then every 10 s, it prints that they wait, and for
+    how much longer they do so at most, of ``patience`` seconds in all."""
+    reminder, ends = Every(_TELL_EVERY, now), now() + patience
+    hint = ": a learner at another address is named by --connect"
 
     def stopped() -> bool:
+        nonlocal hint
         if not stop.is_set() and reminder.is_due():
-            say(f"waiting{most} for a run at {endpoint}; Ctrl-C ends it.")
+            left = f" at most {math.ceil(max(ends - now(), 0.0))} s" if math.isfinite(ends) else ""
+            say(f"waiting{left} for a run at {endpoint}{hint}; Ctrl-C ends it.")
+            hint = ""
         return stop.is_set()
 
     return stopped

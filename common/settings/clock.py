@@ -1,4 +1,4 @@
-"""How time passes in the world: declared and checked here for actors, learner and viewer."""
+"""`ClockConfig`: the settings of time, declared and checked for actors, learner and viewer."""
 
 from dataclasses import dataclass
 

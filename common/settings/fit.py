@@ -1,4 +1,4 @@
-"""Whether a network fits the settings under which it should play or learn."""
+"""Checks that a network fits the settings under which it should play or learn."""
 
 import shlex
 from collections.abc import Callable

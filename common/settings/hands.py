@@ -1,4 +1,4 @@
-"""What can be expected of a robot's hands under the settings of play."""
+"""Tells how soon a robot's hands can press keys under the settings of play."""
 
 from dataclasses import replace
 
@@ -17,8 +17,9 @@ def latest_play(config: RunConfig) -> PlayConfig:
     drawn."""
     arms = config.play.hand == "arm" and ENVIRONMENTS.find(config.env).robot
     drawn = draw(config.play, config.camera, config.randomise, lambda: 1.0)
-    # The emulator alone always has the model.
-    return replace(drawn.play, hand="arm" if arms else "model")
+    # The emulator alone always has the model, and no robot plays.
+    robot = drawn.play.robot if config.hands else PlayConfig.robot
+    return replace(drawn.play, robot=robot, hand="arm" if arms else "model")
 
 
 def keys_can_follow(play: PlayConfig) -> bool:

@@ -1,4 +1,4 @@
-"""What a dataclass of settings says about its fields: what each may be, and what it means."""
+"""Reads what a dataclass of settings says about its fields: what each may be, and means."""
 
 import ast
 import inspect

@@ -1,4 +1,4 @@
-"""How a network computes: in its own float32, or in bfloat16 from a copy; or by compiled code.
+"""The arithmetic of a network: float32, bfloat16 from a copy of the weights, or compiled code.
 
 The small steps of an optimizer would vanish in bfloat16's 8 bits, so the master weights stay
 float32, and a copy does the multiplying. The arithmetic is that of `torch.autocast`. But autocast

@@ -83,7 +83,10 @@ def evaluate(
     content: dict[str, Any] = {
         "weights": name or name_of(network),
         "sha256": sha256,
+        # The games depend on these, as each process plays by a seed of its own.
         "seed": config.seed,
+        "processes": options.at_once,
+        "test_steps": options.test_steps,
         "flags": clock.flags(),
         **({"rows": rows} if options.headline else rows[0]),
         **made_by,

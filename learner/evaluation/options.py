@@ -14,7 +14,7 @@ from common.errors import InputError
 from common.process.cores import usable_cores
 from common.registry import ENVIRONMENTS
 from common.settings.config import RunConfig
-from learner.telemetry.provenance import check_results_file
+from learner.results_file import check_results_file
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,8 @@ class EvaluationOptions:
     epsilon: Fraction | None = None
     """Share of random actions, 0 to 1, by default 0.001; the tests of 2017 had 0.05."""
     processes: Count = 0
-    """Number of games played at the same time; 0 for as many as there are cores."""
+    """Number of games played at the same time; 0 for as many as there are cores. Which games are
+    played depends on it, as each process has a seed of its own."""
     json: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
     """File for the results, as JSON; earlier results in it are replaced."""
 

@@ -4,7 +4,7 @@ import json
 import re
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from operator import attrgetter
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
@@ -17,6 +17,7 @@ from common.errors import InputError, cannot_read
 from common.regular_file import read_file
 from common.run.epochs import EpochRow, EpochTable
 from common.run.folder import CONFIG, EPOCHS, INITIAL, SUMMARY, RunFolder
+from common.settings.clock import ClockConfig
 from learner.figures.plot_style import (
     Points,
     Series,
@@ -29,7 +30,7 @@ from learner.figures.plot_style import (
 
 Phase = Literal["test", "train"]
 _SEED = re.compile(r"[-_]?(seed)?[-_]?\d+$")
-_MODE = ("sync", "wait_action", "speed")
+_MODE = tuple(field.name for field in fields(ClockConfig))
 """Figures in ``summary.json`` that tell how time passed in local mode, unlike the configuration."""
 
 

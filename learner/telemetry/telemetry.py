@@ -71,7 +71,8 @@ class Telemetry(AbstractContextManager["Telemetry"]):
         self._ticks: deque[tuple[float, int, int, float]] = deque()
         """Seconds, and the agent steps, updates and processor seconds until then."""
         self._warming_up = False
-        self._resumed_at: int | None = None
+        self._began_at = 0
+        """Agent steps when this process began."""
         self._notes: deque[str] = deque(maxlen=_NOTES)
 
     def start(self, rows: int = 0, resumed_at: int | None = None) -> None:
@@ -84,7 +85,7 @@ class Telemetry(AbstractContextManager["Telemetry"]):
             resumed_at: agent steps of the checkpoint; None for a new run.
         """
         self.rows = self.epochs.keep(rows)
-        self._resumed_at = resumed_at
+        self._began_at = resumed_at or 0
         with ExitStack() as failed:
             failed.callback(self._release)
             for sink in self.sinks:
@@ -195,7 +196,7 @@ class Telemetry(AbstractContextManager["Telemetry"]):
             # Until exploration is over, a network cannot be better than a blind one.
             values["learning/relative_td_error"] = None
         values["run/seconds_left"] = self._seconds_left(values, actors)
-        values["run/seconds_to_goal"] = self._seconds_to_goal(values)
+        values["run/seconds_to_goal"] = self._seconds_to_goal(values, actors)
         checks = judge(values, config)
         values["gates/failed"] = sum(check.passed is False for check in checks)
         if unknown := values.keys() - METRICS.keys():
@@ -217,16 +218,18 @@ class Telemetry(AbstractContextManager["Telemetry"]):
             rate = number(values, "run/test_steps_per_second")
             rate = rate or sum(stats.steps_per_second for stats in evaluators)
             left = number(values, "evaluation/steps_left")
+        elif not _anyone_plays(actors):
+            return None
         else:
             rate = number(values, "stream/steps_per_second")
             left = self.phases.steps_left
         return left / rate if rate and left is not None else None
 
-    def _seconds_to_goal(self, values: Values) -> float | None:
+    def _seconds_to_goal(self, values: Values, actors: Sequence[ActorView]) -> float | None:
         """Returns the time to the last agent step of the run; None if it, or the rate with
-        updates, is unknown."""
+        updates, is unknown, or nobody plays."""
         goal, rate = (number(values, key) for key in ("run/steps_goal", "stream/steps_per_second"))
-        if goal is None or not rate or not self.phases.epoch:
+        if goal is None or not rate or not self.phases.epoch or not _anyone_plays(actors):
             return None
         return max(goal - self.phases.agent_steps, 0.0) / rate
 
@@ -246,7 +249,7 @@ class Telemetry(AbstractContextManager["Telemetry"]):
         now = self.now(), phases.agent_steps, phases.updates, time.process_time()
         if self._warming_up and phases.epoch:
             self._ticks.clear()  # without updates it was several times as fast
-        if phases.agent_steps == self._resumed_at:
+        if phases.agent_steps == self._began_at:
             self._ticks.clear()  # its actors are still starting
         self._warming_up = not phases.epoch
         self._ticks.append(now)
@@ -295,3 +298,7 @@ def _together(*parts: Values) -> dict[str, Value]:
             raise KeyError(f"{sorted(twice)} come from two parts of a learner")
         found |= part
     return found
+
+
+def _anyone_plays(actors: Sequence[ActorView]) -> bool:
+    return any(actor.alive for actor in actors if actor.stats.role == "actor")

@@ -120,6 +120,10 @@ QR = ("--learning.algorithm", "qr_dqn")
             ["--learning.annealing-steps=0", "--learning.final-learning-rate=1e-6"],
             "--learning.final-learning-rate means nothing without --learning.annealing-steps",
         ),
+        (
+            ["--learning.target", "dqn", "--preset", "paper", "--learning.early-choice"],
+            "--learning.early-choice means nothing without --learning.target double: omit it, or",
+        ),
         ([*QR, "--learning.loss", "mse"], "--learning.loss means nothing to the algorithm qr_dqn"),
         ([*QR, "--learning.loss-mean-over=outputs"], "--learning.loss-mean-over means nothing to"),
         (
@@ -158,6 +162,7 @@ def test_what_has_an_effect_is_accepted() -> None:
     learner("--learning.optimizer=rmsprop", "--learning.rmsprop-decay=0.9")
     learner("--learning.annealing-steps=9", "--learning.final-learning-rate=1e-6")
     learner("--learning.annealing-steps=0")
+    learner("--preset", "fast", "--learning.target", "dqn")  # whose early choice nobody gave
     learner("--local", "--actors=2", "--envs=2", "--evaluators=0", "--actor-quota=9")
     learner("--connect", "tcp/h:1", "--patience=inf", "--local", "--actors=2")
     learner("--listen", "tcp/0.0.0.0:1", "--actors=1")  # as usual

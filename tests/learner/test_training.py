@@ -684,6 +684,14 @@ def test_priorities_go_back_to_a_prioritised_replay() -> None:
     assert (ids.tolist(), priorities.tolist()) == ([0, 1], [2.0, 1.0])
 
 
+def test_an_algorithm_that_gives_negative_priorities_is_named() -> None:
+    world = World(replace(CONFIG, replay=replace(CONFIG.replay, sampler="prioritised")))
+    world.priorities_of = lambda loss: [2.0, -1.0]  # type: ignore[method-assign]
+    with pytest.raises(InputError, match="'qr_dqn' gives negative priorities: return magni"):
+        run(world)
+    assert not world.priorities
+
+
 def test_a_gate_that_stays_red_ends_the_run() -> None:
     world = World(update_seconds=0.25, checks=(RED,))
     learner = run(world)

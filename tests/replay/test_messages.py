@@ -79,6 +79,13 @@ def test_a_batch_can_be_made_whole(count: int, frame_stack: int, width: int) -> 
         assert getattr(batch, name) is getattr(shared, name)
 
 
+@pytest.mark.parametrize(("step", "priority"), [(-1, 1.0), (1, -1.0), (1, -np.inf)])
+def test_negative_priorities_and_ids_are_refused(step: int, priority: float) -> None:
+    asked = SampleRequest(0, 0.0, np.array([0, step]), np.array([np.nan, priority], np.float32))
+    with pytest.raises(MessageError, match="not be negative"):
+        SampleRequest.decode(asked.encode())
+
+
 @pytest.mark.parametrize("wrong", [-1, 5, 2**31 - 1])
 def test_a_stack_of_frames_that_are_not_there_is_refused(wrong: int) -> None:
     batch = a_batch(1, 4, 0)

@@ -443,8 +443,6 @@ def test_priorities_change_what_is_drawn(tmp_path: Path) -> None:
     batch = ReplayBuffer(config, tmp_path).sample(0, 0.0)
     assert batch is not None
     assert set(batch.ids.tolist()) == {3, 4}
-    with pytest.raises(MessageError, match="not be negative"):
-        buffer.update_priorities(np.array([3]), np.array([-1.0], np.float32))
 
 
 def test_finite_priorities_look_through_no_chunks(tmp_path: Path) -> None:
@@ -729,6 +727,27 @@ def test_damaged_lines_are_reported_and_the_rest_is_used(
     assert [each.index for each in buffer.progress(0).statistics] == [0, 2, 3, 4, 5]
     assert [each.index for each in buffer.progress(2).statistics] == [2, 3, 4, 5]
     assert buffer.insert(chunks[5]).status == "duplicate"
+    buffer.close()
+
+
+@pytest.mark.parametrize("kept", [5, 6, 7])
+def test_a_journal_that_was_cut_short_is_reported_and_the_rest_is_used(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, kept: int
+) -> None:
+    """As by a copy that was interrupted: a resumed run's journal begins with all that it has."""
+    config = make_config()
+    long_run(config, tmp_path, 2).close()
+    ReplayBuffer(config, tmp_path).close()
+    journal = tmp_path / "journal.jsonl"
+    lines = journal.read_bytes().splitlines(keepends=True)
+    kinds = [json.loads(line)["kind"] for line in lines]
+    assert kinds == ["ring", "state", "counts", "facts", "facts", "held", "held"]
+    journal.write_bytes(b"".join(lines[:kept]))
+    buffer = ReplayBuffer(config, tmp_path)
+    lost = 7 - kept
+    told = f"{journal} was cut short: at least {lost} chunks that it listed are lost, the rest is"
+    assert [each.startswith(told) for each in caplog.messages] == [True] * (lost > 0)
+    assert len(buffer._store.index.chunks) == kept - 5
     buffer.close()
 
 

@@ -83,6 +83,16 @@ def test_a_priority_of_zero_can_still_be_drawn() -> None:
     assert sampler.draw(np.random.default_rng(0), 3)[0].tolist() == [8, 8, 8]
 
 
+def test_a_new_step_has_the_largest_priority_that_there_ever_was() -> None:
+    sampler = prioritised()
+    sampler.add(np.array([3, 4]))
+    sampler.update(np.array([3]), np.array([6.0]))
+    sampler.update(np.array([3, 4]), np.array([3.0, 3.0]))
+    sampler.add(np.array([5]))
+    drawn, _ = sampler.draw(np.random.default_rng(0), 40_000)
+    assert np.bincount(drawn)[3:] / 40_000 == pytest.approx([0.25, 0.25, 0.5], abs=0.01)
+
+
 def test_priorities_survive_in_their_leaves() -> None:
     leaves = np.zeros(padded(CAPACITY))
     first = PrioritisedSampler(CAPACITY, NONE, leaves, 1.0, 0.5)

@@ -91,6 +91,22 @@ def test_a_late_joiner_fetches_the_newest(hub: Transport, client: Transport) -> 
     assert weights.take() == (12, b"weights", b"")
 
 
+def test_an_answer_does_not_replace_what_was_broadcast_meanwhile(
+    broadcast: Broadcast, hub: Transport, weights: WeightsClient
+) -> None:
+    asked = PendingRequests(hub, KEYS.latest_weights)
+    for meanwhile, version in (((b"new", b"15"),), 15), (((b"garbage", b""),), 10):
+        fetching = threading.Thread(target=weights.fetch, daemon=True)
+        fetching.start()
+        request = asked.next()
+        broadcast.say(*meanwhile)
+        request.reply(Envelope(b"old", b"10"))
+        fetching.join(PATIENCE)
+        taken = weights.take()
+        assert taken is not None
+        assert taken[0] == version
+
+
 def test_nobody_asks_more_often_than_a_hub_answers(
     hub: Transport, client: Transport, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -92,13 +92,14 @@ def adapt(lab: Lab, monkeypatch: pytest.MonkeyPatch, runs: Path, *more: str) -> 
 def test_report(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    lab = Lab([20.5, -20.0, 19.0, 12.0, 18.5, 18.6])
+    lab = Lab([-20.0, 20.5, 19.0, 12.0, 18.5, 18.6])
     content = adapt(lab, monkeypatch, tmp_path, "--learner=--threads 1")
     to = ("--play.press-latency", "4")
     tests = [f"after-{steps}.safetensors" for steps in (500, 1_000, 1_500, 2_000)]
     assert lab.played == [
+        ("ale_pong.safetensors", to),  # first, since it cannot play in every world
         ("ale_pong.safetensors", ()),
-        *((name, to) for name in ("ale_pong.safetensors", *tests)),
+        *((name, to) for name in tests),
     ]
     assert [steps for steps, *_ in lab.trained] == ["500", "1000", "1500", "2000"]
     for _, *flags in lab.trained:
@@ -123,10 +124,10 @@ def test_report(
 def test_what_was_trained_is_not_trained_again(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    lab = Lab([20.5, -20.0, 19.0])
+    lab = Lab([-20.0, 20.5, 19.0])
     with pytest.raises(IndexError):  # as if interrupted in the second test
         adapt(lab, monkeypatch, tmp_path)
-    again = Lab([20.5, -20.0, 19.0, 19.0, 19.0, 19.0])
+    again = Lab([-20.0, 20.5, 19.0, 19.0, 19.0, 19.0])
     content = adapt(again, monkeypatch, tmp_path)
     assert [steps for steps, *_ in lab.trained] == ["500", "1000"]
     assert [steps for steps, *_ in again.trained] == ["1500", "2000"]
@@ -145,9 +146,29 @@ def test_a_training_of_another_policy_or_world_is_not_taken_for_this_one(
     else:
         to = "--play.press-latency 3"
     arguments = [f"{policy}", f"--to={to}", "--steps", "2000", "--runs", str(tmp_path)]
-    monkeypatch.setattr(adaptation, "evaluate", Lab([20.0] * 6).evaluate)
-    with pytest.raises(InputError, match="is of another adaptation: name another with --run"):
+    monkeypatch.setattr(adaptation, "evaluate", Lab([]).evaluate)  # nothing is played
+    with pytest.raises(InputError, match="or of another adaptation: name another with --run"):
         run("lab.adaptation", adaptation.Options, adaptation.measure, arguments)
+
+
+@pytest.mark.parametrize("content", ['{"flags": [', "[]", "{}"])
+def test_a_damaged_note_of_a_test_is_refused_before_any_game(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, content: str
+) -> None:
+    adapt(Lab([20.0] * 6), monkeypatch, tmp_path)
+    (tmp_path / "adaptation" / "after-1500.json").write_text(content)
+    with pytest.raises(InputError, match=r"after-1500\.json is damaged or of another adaptation"):
+        adapt(Lab([]), monkeypatch, tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("to", "learner"), [("--seed 4", ""), ("", "--steps=9"), ("'", ""), ("", '"')]
+)
+def test_flags_of_its_own_and_open_quotes_are_refused(to: str, learner: str) -> None:
+    network = POLICIES / "ale_pong.safetensors"
+    options = adaptation.Options(network=network, to=to, learner=learner)
+    with pytest.raises(InputError, match=r"which the experiment itself gives|No closing quotation"):
+        options.check()
 
 
 def test_more_tests_than_steps_are_refused() -> None:
@@ -159,15 +180,15 @@ def test_more_tests_than_steps_are_refused() -> None:
 def test_a_policy_that_never_plays_as_before_is_told(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    content = adapt(Lab([20.5, -20.0, 20.0, 20.0, 20.0, 18.4]), monkeypatch, tmp_path)
+    content = adapt(Lab([-20.0, 20.5, 20.0, 20.0, 20.0, 18.4]), monkeypatch, tmp_path)
     assert content["steps_to_own"] is None
-    assert "after all of them it was not within two points" in capsys.readouterr().out
+    assert "after all of them it was not within 2 points" in capsys.readouterr().out
 
 
 def test_a_policy_that_need_not_learn_is_told(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    content = adapt(Lab([20.5, 18.5, 19.0]), monkeypatch, tmp_path, "--tests", "1")
+    content = adapt(Lab([18.5, 20.5, 19.0]), monkeypatch, tmp_path, "--tests", "1")
     assert content["steps_to_own"] == 0
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from benchmarks.lab import demonstrations
+from common.errors import InputError
 from common.run.epochs import EpochTable
 from common.run.folder import RunFolder
 from tests.epoch_rows import epoch_row
@@ -49,3 +50,6 @@ def test_steps_of_their_own_are_compared(tmp_path: Path, monkeypatch: pytest.Mon
     never = demonstrations.measure(replace(options, score=18.5))
     assert never.content["saved"] == [None, None]
     assert never.notes == ("in no pair did both runs reach the score",)
+    other = replace(options, learner="--env ale")
+    with pytest.raises(InputError, match="without-seed-1 is of another comparison: name another"):
+        demonstrations.measure(other)

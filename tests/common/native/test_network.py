@@ -277,6 +277,15 @@ def test_other_shapes_and_types_are_refused(
         )
 
 
+def test_pixels_of_another_type_are_not_made(instruction_set: InstructionSet) -> None:
+    native = NativeQNetwork(whole_network(6), instruction_set)
+    other = torch.bfloat16 if native.dtype == torch.float32 else torch.float32
+    assert native.as_pixels(whole_frames(1), native.dtype).dtype == native.dtype
+    for wrong in (other, torch.float64):
+        with pytest.raises(ValueError, match="no pixels of"):
+            native.as_pixels(whole_frames(1), wrong)
+
+
 def test_vectors_of_another_shape_are_refused(instruction_set: InstructionSet) -> None:
     native = NativeQNetwork(whole_network(6, width=2), instruction_set)
     for shape in ((1, 2), (2, 0), (2, 3)):

@@ -9,7 +9,6 @@ from common.metrics import METRICS, Bound, Metric, Value, declare
 from common.press_latency import KeyLatency, ms_of
 from common.protocol.run_status import HealthCheck
 from common.settings.conditions import PlayConfig
-from common.settings.hands import keys_can_follow, latest_play
 from common.settings.presets import PRESETS
 from common.settings.ranges import RandomiseConfig
 from learner.telemetry.health_checks import judge, reasons
@@ -204,32 +203,6 @@ def test_keys_that_come_late_on_purpose_are_shown_but_not_judged() -> None:
     late = PlayConfig(read_keys="decision")
     check = judged({"play/press_match_share": 0.1}, late)["keys as commanded"]
     assert (check.value, check.passed) == (0.1, None)
-
-
-@pytest.mark.parametrize(
-    ("play", "can"),
-    [
-        (PlayConfig(), True),
-        (PlayConfig(read_keys="decision"), False),
-        (PlayConfig(frame_skip=3), False),  # an arm takes four frames at times
-        (PlayConfig(hand="model", press_latency=3), True),
-        (PlayConfig(hand="model", press_latency=4), False),  # in the fifth frame
-        (PlayConfig(actuation_latency=1), False),
-        (PlayConfig(actuation_jitter=1), False),
-        (PlayConfig(equal_latency=1), False),
-        (PlayConfig(arm_speed=0.6, key_threshold=1.3), True),
-        (PlayConfig(robot="hand.npz"), False),
-    ],
-)
-def test_where_keys_can_follow_within_their_agent_step(play: PlayConfig, can: bool) -> None:
-    assert keys_can_follow(play) is can
-
-
-def test_the_emulator_alone_has_modelled_hands() -> None:
-    slow = PlayConfig(press_latency=8)  # twice an agent step
-    ale, robot = (replace(PRESETS[name], play=slow) for name in ("fast", "robot"))
-    assert not keys_can_follow(latest_play(ale))
-    assert keys_can_follow(latest_play(robot))  # whose arms do not have that latency
 
 
 def test_a_figure_from_outside_is_judged_by_its_bound() -> None:

@@ -73,6 +73,9 @@ class Last(Sink):
         self.told.append(text)
 
 
+PLAYS = ActorView(stats=ActorStats("a", "actor", steps_per_second=99.0), alive=True)
+
+
 class Run:
     """A run that has seen `seen` chunks of 50 steps, and what its telemetry says."""
 
@@ -255,6 +258,7 @@ def test_the_warm_up_tells_nothing_of_how_long_training_takes(tmp_path: Path) ->
     run.phases.epoch = 1
     values = run.values(**goal)
     assert (values["stream/steps_per_second"], values["run/seconds_to_goal"]) == (None, None)
+    run.actors = (PLAYS,)
     run.phases.agent_steps += 30
     run.now += 2.0
     values = run.values(**goal)
@@ -262,10 +266,14 @@ def test_the_warm_up_tells_nothing_of_how_long_training_takes(tmp_path: Path) ->
     assert (values["stream/steps_per_second"], values["run/seconds_to_goal"]) == (10.0, left / 10)
 
 
-def test_while_actors_of_a_resumed_run_start_no_time_left_is_told(tmp_path: Path) -> None:
+@pytest.mark.parametrize("resumed_at", [None, 700])
+def test_while_the_first_actor_starts_no_time_left_is_told(
+    tmp_path: Path, resumed_at: int | None
+) -> None:
     run = Run(tmp_path)
-    run.phases.epoch = 1
-    run.telemetry.start(resumed_at=run.phases.agent_steps)
+    run.actors = (PLAYS,)
+    run.phases.epoch, run.phases.agent_steps = 1, resumed_at or 0
+    run.telemetry.start(resumed_at=resumed_at)
     goal: dict[str, Value] = {"run/steps_goal": run.phases.agent_steps + 1_000}
     for _ in range(3):
         assert run.values(**goal)["run/seconds_to_goal"] is None
@@ -275,12 +283,26 @@ def test_while_actors_of_a_resumed_run_start_no_time_left_is_told(tmp_path: Path
     run.now += 1.0
     values = run.values(**goal)
     assert (values["stream/steps_per_second"], values["run/seconds_to_goal"]) == (50.0, 18.0)
+    assert values["run/seconds_left"] is not None
+
+
+def test_no_time_left_is_told_when_nobody_plays_any_more(tmp_path: Path) -> None:
+    run = Run(tmp_path)
+    run.phases.epoch, run.actors = 1, (PLAYS,)
+    goal: dict[str, Value] = {"run/steps_goal": 1_000}
+    run.values(**goal)
+    run.play(3)
+    assert run.values(**goal)["run/seconds_to_goal"] is not None
+    run.actors = (replace(PLAYS, alive=False),)
+    values = run.values(**goal)
+    assert (values["run/seconds_left"], values["run/seconds_to_goal"]) == (None, None)
 
 
 def test_what_the_learner_takes_of_its_machine_is_of_late(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     run, worked = Run(tmp_path), [7.0]
+    run.phases.agent_steps = 1  # before, it waits
     monkeypatch.setattr("learner.telemetry.telemetry.time.process_time", lambda: worked[0])
     values = run.values()
     assert values["run/busy_cores"] is None
@@ -300,7 +322,7 @@ def test_what_is_taken_of_the_gpu_is_among_the_figures(tmp_path: Path) -> None:
 
 def test_time_left_is_of_the_phase_and_then_of_the_tests(tmp_path: Path) -> None:
     run = Run(tmp_path)
-    run.phases.epoch = 1
+    run.phases.epoch, run.actors = 1, (PLAYS,)
     run.values()
     run.play(3)
     run.now += 4.0
@@ -313,8 +335,7 @@ def test_time_left_is_of_the_phase_and_then_of_the_tests(tmp_path: Path) -> None
         assert isinstance(rate, float)
         assert values["run/seconds_to_goal"] == pytest.approx(left / rate)
     evaluator = ActorStats("e", "evaluator", steps_per_second=20.0)
-    actor = ActorStats("a", "actor", steps_per_second=99.0)
-    run.actors = tuple(ActorView(stats=stats, alive=True) for stats in (evaluator, actor))
+    run.actors = ActorView(stats=evaluator, alive=True), PLAYS
     loop: dict[str, Value] = {"run/phase": "finishing", "evaluation/steps_left": 300}
     assert run.values(**loop)["run/seconds_left"] == 15.0
     run.telemetry.rows.append(epoch_row(phase="test", steps=1_000, epoch_time=100.0))
