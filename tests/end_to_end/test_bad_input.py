@@ -13,7 +13,7 @@ from tests.end_to_end.conftest import SMALL, Stage
 
 def _sentence(output: str) -> str:
     *before, line = output.strip().splitlines()
-    known = ("waiting for ", "going on with run ", LOADING)
+    known = ("waiting ", "going on with run ", LOADING)
     assert all(each.startswith(known) for each in before)
     assert line.startswith("error: ")
     assert line[-1] in ".?"
