@@ -92,7 +92,7 @@ test-lowest: setup  ## the test suite with the oldest versions that pyproject.to
 	@rm -rf *.egg-info  # it would stand for the installed metadata
 	@$(MAKE) --no-print-directory suite BIN=$(VENV)-lowest/bin
 
-bench: setup  ## measure all speeds on this machine, an hour; the tables of benchmarks/RESULTS.md
+bench: setup  ## measure all speeds on this machine, 70 minutes; the tables of benchmarks/RESULTS.md
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable ".[bench]"
 	$(BIN)/python -m benchmarks all
 	$(BIN)/python -m benchmarks.figures.results_page

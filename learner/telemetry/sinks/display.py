@@ -22,8 +22,9 @@ from common.process.progress import PLAIN_SECONDS
 from common.protocol.live_view import ViewRequest
 from common.schedule import Every, Now
 from learner.telemetry import formats
-from learner.telemetry.formats import fill, troubles
+from learner.telemetry.formats import fill
 from learner.telemetry.live_feed import Asked, LiveFeed
+from learner.telemetry.panels import finishing_note, metrics_of, troubles
 from learner.telemetry.sinks.live_picture import LivePicture
 from learner.telemetry.sinks.screen import Screen, picture_width
 from learner.telemetry.sinks.sink import Sink
@@ -197,10 +198,10 @@ def status_line(snapshot: Snapshot) -> str:
     done, total = (number(values, f"run/phase_{name}") or 0 for name in ("steps", "length"))
     where = f"{phase} {formats.share(done, total)}"
     if values["run/phase"] == "finishing":
-        where += f", {formats.finishing_note(values)}"
+        where += f", {finishing_note(values)}"
     elif values.get("run/seconds_left") is not None:
         where += fill(", {run/seconds_left} left", values)
-    metrics = formats.metrics_of(values["run/env"])
+    metrics = metrics_of(values["run/env"])
     actors = fill("{stream/actors_alive} of {stream/actors_present} actors", values)
     return " | ".join(
         (

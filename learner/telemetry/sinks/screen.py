@@ -21,7 +21,9 @@ from common.protocol.actor_stats import TOTALS
 from common.protocol.run_status import HealthCheck
 from common.registry import ENVIRONMENTS
 from learner.telemetry import formats
-from learner.telemetry.formats import figure, label_and_text, panels_of, progress_of, troubles
+from learner.telemetry.formats import figure
+from learner.telemetry.panels import label_and_text, panels_of, progress_of, troubles
+from learner.telemetry.sinks.charts import bars, columns_of
 from learner.telemetry.sinks.live_picture import LivePicture
 from learner.telemetry.snapshot import ActorView, Snapshot
 
@@ -249,9 +251,9 @@ def _history(snapshot: Snapshot, width: int, rows: int) -> Iterable[RenderableTy
     else:
         labels = [top, *[""] * (rows - 2), bottom]
     margin = max(map(len, labels))
-    heights = formats.columns_of(values, width - margin - 2)
+    heights = columns_of(values, width - margin - 2)
     floor = low if random is None else random
-    for label, blocks in zip(labels, formats.bars(heights, low, high, rows), strict=True):
+    for label, blocks in zip(labels, bars(heights, low, high, rows), strict=True):
         line = Text(no_wrap=True, overflow="crop")
         line.append(f"{label:>{margin}}  ", _LABEL)
         for block, value in zip(blocks, heights, strict=True):

@@ -8,6 +8,14 @@ from common.protocol.actor_stats import TOTALS
 from common.registry import ENVIRONMENTS
 from common.strict_json import strict
 from learner.telemetry import formats
+from learner.telemetry.panels import (
+    ProgressBar,
+    label_and_text,
+    panels_of,
+    progress_of,
+    short_label,
+    troubles,
+)
 from learner.telemetry.snapshot import ActorView, Snapshot
 
 _UNSAID = ("none", "ratio", "per second")
@@ -18,7 +26,7 @@ def about(metric: Metric) -> dict[str, str]:
     if metric.bound:
         label = metric.bound.check.removesuffix(" ms")
     elif metric.label and metric.shown.count("{") < 2:  # "press p50/99" names two figures
-        label = formats.short_label(metric)
+        label = short_label(metric)
     else:
         label = re.sub("[/_]", " ", metric.gate.removesuffix("_ms") or metric.key)
     return {
@@ -43,23 +51,23 @@ def figures(snapshot: Snapshot) -> dict[str, Any]:
             "join": values.get("run/join"),
             "robot": env.robot,
         },
-        "progress": [_progress(each, values) for each in formats.progress_of(values)],
+        "progress": [_progress(each, values) for each in progress_of(values)],
         "panels": {
             title: [_row(metric, values) for metric in metrics]
-            for title, metrics in formats.panels_of(values).items()
+            for title, metrics in panels_of(values).items()
         },
         "verdict": snapshot.verdict,
         "checks": [
             check._asdict() | {"value": formats.reading(check)} for check in snapshot.checks
         ],
         "alive": [values["stream/actors_alive"], values["stream/actors_present"]],
-        "troubles": formats.troubles(values).lstrip(", "),
+        "troubles": troubles(values).lstrip(", "),
         "actors": [_actor(actor, values) for actor in snapshot.present],
         "random": strict(number(values, "play/random_reward")),
     }
 
 
-def _progress(progress: formats.ProgressBar, values: Values) -> dict[str, Any]:
+def _progress(progress: ProgressBar, values: Values) -> dict[str, Any]:
     done, total = (number(values, key) for key in (progress.done, progress.total))
     told = formats.figure(progress.done, values)
     told += (
@@ -75,7 +83,7 @@ def _progress(progress: formats.ProgressBar, values: Values) -> dict[str, Any]:
 
 
 def _row(metric: Metric, values: Values) -> dict[str, str]:
-    label, text = formats.label_and_text(metric, values)
+    label, text = label_and_text(metric, values)
     return {"label": label, "text": text, "meaning": metric.meaning}
 
 
@@ -103,5 +111,5 @@ def _actor(actor: ActorView, values: Values) -> dict[str, Any]:
         "cores": formats.cores(stats.busy_cores).removesuffix(" CPU"),
         "memory": formats.size(stats.memory_bytes),
         "silent": f"{actor.silent_for:.0f} s",
-        "trouble": formats.troubles(totals).lstrip(", "),
+        "trouble": troubles(totals).lstrip(", "),
     }

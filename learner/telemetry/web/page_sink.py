@@ -24,8 +24,8 @@ from common.run.epochs import EpochRow, EpochTable
 from common.run.folder import RunFolder
 from common.settings.config import MAX_ENVS, RunConfig
 from common.strict_json import strict
-from learner.telemetry.formats import metrics_of
 from learner.telemetry.live_feed import Asked, LiveFeed
+from learner.telemetry.panels import metrics_of
 from learner.telemetry.sinks.sink import Sink
 from learner.telemetry.sinks.tensorboard import written_points
 from learner.telemetry.snapshot import Snapshot

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from common.protocol.run_status import HealthCheck
-from learner.telemetry import formats
+from learner.telemetry import formats, panels
 
 
 def check(value: float | None, bound: str) -> HealthCheck:
@@ -21,12 +21,12 @@ def check(value: float | None, bound: str) -> HealthCheck:
         (formats.decimal(float("nan"), 2), "nan"),
         (formats.significant(0.000829), "0.0008290"),
         (formats.significant(12.4), "12.40"),
-        (formats.finishing_note({"evaluation/steps_left": 0}), "finishing"),
+        (panels.finishing_note({"evaluation/steps_left": 0}), "finishing"),
         (
-            formats.finishing_note({"evaluation/steps_left": 12_000, "run/seconds_left": 20.0}),
+            panels.finishing_note({"evaluation/steps_left": 12_000, "run/seconds_left": 20.0}),
             "12,000 test steps, 00:20 left",
         ),
-        (formats.finishing_note({"evaluation/steps_left": 9}), "9 test steps"),
+        (panels.finishing_note({"evaluation/steps_left": 9}), "9 test steps"),
         (
             formats.scores({"play/test_reward": -19.0, "play/test_epoch": 2}),
             "score: training –, test −19.00 (epoch 2), best test –, random –",
@@ -76,13 +76,4 @@ def test_figures_for_people(text: str, expected: str) -> None:
     ],
 )
 def test_troubles_have_at_most_four_characters(number: int, expected: str) -> None:
-    assert formats.troubles({"actors/missed_deadlines": number}) == f", {expected} late"
-
-
-def test_chart_by_hand() -> None:
-    assert formats.bars([0.0, 0.5, 1.0], 0.0, 1.0, 1) == ["▁▅█"]  # 1, 1 + 3.5, 8 eighths
-    assert formats.bars([0.0, 1.0], 0.0, 1.0, 2) == [" █", "▁█"]
-    assert formats.bars([2.0, 2.0], 2.0, 2.0, 1) == ["▄▄"]
-    assert formats.columns_of([1.0, 2.0, 3.0, 4.0], 2) == [1.5, 3.5]
-    assert formats.columns_of([1.0, 2.0], 5) == [1.0, 1.0, 2.0, 2.0]
-    assert formats.columns_of([], 5) == []
+    assert panels.troubles({"actors/missed_deadlines": number}) == f", {expected} late"

@@ -23,8 +23,8 @@ from common.protocol.actor_stats import ActorStats
 from common.protocol.run_status import HealthCheck
 from common.settings.conditions import PlayConfig
 from common.settings.presets import PRESETS
-from learner.telemetry import formats
 from learner.telemetry.health_checks import judge
+from learner.telemetry.panels import panels_of
 from learner.telemetry.sinks import screen
 from learner.telemetry.sinks.display import LiveDisplay, PlainDisplay, open_display
 from learner.telemetry.sinks.screen import Screen
@@ -298,7 +298,7 @@ def test_a_taller_narrow_screen_shows_checks_and_then_more_actors(
 def test_a_taller_screen_shows_further_figures_of_a_panel(
     height: int, shown: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    panels = formats.panels_of(STATUS.values)
+    panels = panels_of(STATUS.values)
     figures = [
         Metric(f"learning/extra_{place}", "none", ".3", "", f"extra {place}", ("Learning", place))
         for place in range(1, 11)
