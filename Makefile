@@ -126,8 +126,8 @@ figures: setup  ## draw the figures of docs/ from the results
 	$(PLOT) --figure press $(RESULTS)/press_latency.json -o docs/press_latency.png
 	$(PLOT) --figure race $(addprefix $(RESULTS)/race_,ale_450k.json robot_16_preset.json robot_16.json robot_short.json ale_peer.json) \
 		-o docs/race.png --names "emulator alone, preset fast" "robot, preset robot" \
-		"robot, the same settings, seed 2" "robot, an earlier version, three seeds" \
-		"emulator alone, seed 5" "stable-baselines3, emulator alone"
+		"robot, the same settings, seed 2" "robot, an earlier version" \
+		"stable-baselines3, emulator alone"
 	$(PLOT) --figure robustness $(patsubst %,$(RESULTS)/robustness_robot_pong_%.json,sticky worlds robust_sticky) -o docs/robustness.png
 	$(PLOT) --figure robustness $(wildcard $(RESULTS)/latency_*.json) -o docs/latency.png
 	$(PLOT) --figure games $(RESULTS)/games.json -o docs/games.png

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from benchmarks.figures.plot_games import games_figure
 from benchmarks.figures.plot_hand_latency import hand_latency_figure, read_hand_latency
 from benchmarks.figures.plot_press import press_figure, read_press
-from benchmarks.figures.plot_race import race_figure, read_race
+from benchmarks.figures.plot_race import race_figure, read_races
 from benchmarks.figures.plot_robustness import read_grid, robustness_figure
 from benchmarks.figures.plot_scaling import scaling_figure
 from common.process.program_end import exit_on_input_error
@@ -34,9 +34,7 @@ FIGURES: plot.Figures = {
     "latency": lambda options: hand_latency_figure(
         renamed(read_hand_latency(options.paths), options.names)
     ),
-    "race": lambda options: race_figure(
-        renamed([each for path in options.paths for each in read_race(path)], options.names)
-    ),
+    "race": lambda options: race_figure(renamed(read_races(options.paths), options.names)),
     "games": lambda options: games_figure(options.paths[0]),
     "robustness": lambda options: robustness_figure([read_grid(path) for path in options.paths]),
     "press": lambda options: press_figure(read_press(options.paths[0])),

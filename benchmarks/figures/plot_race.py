@@ -12,7 +12,7 @@ from learner.figures.plot_style import INK, Points, Series, line_figure
 
 
 def race_figure(series: Sequence[Series]) -> Figure:
-    """Returns the figure of what `read_race` returned.
+    """Returns the figure of what `read_races` returned.
 
     Each race has a colour, and so has its peer; each seed has a line.
     """
@@ -27,12 +27,21 @@ def race_figure(series: Sequence[Series]) -> Figure:
     return figure
 
 
-def read_race(path: Path) -> list[Series]:
-    """Returns the races that `python -m benchmarks.lab.race` wrote to ``path``, and their peer's.
+def read_races(paths: Sequence[Path]) -> list[Series]:
+    """Returns the races that `python -m benchmarks.lab.race` wrote to ``paths``, and their peers'.
+    Those of the same settings are one series.
 
     Raises:
-        InputError: the file holds something else, or nothing was tested yet.
+        InputError: a file holds something else, or nothing was tested yet.
     """
+    lines: dict[str, list[Points]] = {}
+    for path in paths:
+        for series in _read(path):
+            lines.setdefault(series.name, []).extend(series.lines)
+    return [Series(name, found) for name, found in lines.items()]
+
+
+def _read(path: Path) -> list[Series]:
     with reading(path, "race", "lab.race") as found:
         lines = [
             _line((test["seconds"], test["mean"]) for test in run["tests"] if "mean" in test)
