@@ -6,14 +6,13 @@ number of agent steps, and plays whole games again and again meanwhile. The same
 interrupted training.
 """
 
-import json
 import shlex
 import shutil
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from benchmarks.lab.policy import PlayingOptions, TrainingOptions, evaluate, train
+from benchmarks.lab.policy import PlayingOptions, TrainingOptions, evaluate, noted, train
 from benchmarks.quoted_flags import quoted_flags
 from benchmarks.report import Report, Table, main
 from common.atomic_file import write_json
@@ -84,21 +83,23 @@ def measure(options: Options) -> Report:
         *training_flags(trained, options.steps),
         *fixed,
         *to,
-        *quoted_flags(options.learner, "--learner"),
+        *options.learner_flags,
     ]
     # Settings with which nothing could train are refused before anything is played.
     initial = ["--initial", str(options.network)]
     first = ["--steps", f"{options.steps // options.tests}"]
     parse_run(LearnerOptions, "learner", [*flags, *initial, *first], lambda _: None)
-    for test in range(1, options.tests + 1):
-        _trained_before(options, folder, test, flags)
+    asked = {"flags": flags, "initial": identity_of(options.network)}
+    tests = range(1, options.tests + 1)
+    for test in tests:
+        noted(_kept(options, folder, test).with_suffix(".json"), asked, "adaptation")
     # The other world first: one in which the network cannot play is refused at once.
     before = evaluate(options.network, options.games, options.epsilon, to)
     own = evaluate(options.network, options.games, options.epsilon)
     curve = [before | {"trained_steps": 0, "minutes": 0.0}]
-    for test in range(1, options.tests + 1):
+    for test in tests:
         # The world again: an evaluation draws only from the ranges that its own flags name.
-        curve.append(_after(options, folder, test, flags, to))
+        curve.append(_after(options, folder, test, asked, to))
     reached = held_from(curve, own["mean"] - _NEAR)
     shown = ("mean", "deviation", "iqm")
     rows = [{"world": "its own", "minutes": None} | {name: own[name] for name in shown}]
@@ -127,19 +128,20 @@ def measure(options: Options) -> Report:
 
 
 def _after(
-    options: Options, folder: RunFolder, test: int, flags: list[str], to: list[str]
+    options: Options, folder: RunFolder, test: int, asked: dict[str, Any], to: list[str]
 ) -> dict[str, Any]:
     """Returns the evaluation after so many of the tests' shares of the training, which goes on
     until then. Raises InputError if the folder holds those of another training."""
-    known = _trained_before(options, folder, test, flags)
     kept = _kept(options, folder, test)
+    note = kept.with_suffix(".json")
+    known = noted(note, asked, "adaptation")
     if known is None:
         # The network gives the run its layers.
-        initial = ["--initial", str(options.network)]
-        summary = train(folder, options.steps * test // options.tests, [*flags, *initial])
+        flags = [*asked["flags"], "--initial", str(options.network)]
+        summary = train(folder, options.steps * test // options.tests, flags)
         shutil.copyfile(folder.checkpoint, kept)
         known = {name: summary[name] for name in ("agent_steps", "wall_seconds")}
-        write_json(kept.with_suffix(".json"), _asked(options, flags) | known)
+        write_json(note, asked | known)
     games = evaluate(kept, options.games, options.epsilon, to)
     return games | {"trained_steps": known["agent_steps"], "minutes": known["wall_seconds"] / 60}
 
@@ -147,28 +149,6 @@ def _after(
 def _kept(options: Options, folder: RunFolder, test: int) -> Path:
     """Returns the file of the network that plays in a test."""
     return folder.path / f"after-{options.steps * test // options.tests}.safetensors"
-
-
-def _asked(options: Options, flags: list[str]) -> dict[str, Any]:
-    return {"flags": flags, "initial": identity_of(options.network)}
-
-
-def _trained_before(
-    options: Options, folder: RunFolder, test: int, flags: list[str]
-) -> dict[str, Any] | None:
-    """Returns what was written when the training came to a test; None if it has not come there.
-    Raises InputError if the file is damaged, or of another training."""
-    told = _kept(options, folder, test).with_suffix(".json")
-    if not told.exists():
-        return None
-    try:
-        known: dict[str, Any] = json.loads(told.read_bytes())
-        same = known == known | _asked(options, flags)
-    except (ValueError, TypeError):
-        same = False
-    if not same:
-        raise InputError(f"{told} is damaged or of another adaptation: name another with --run.")
-    return known
 
 
 def held_from(curve: list[dict[str, Any]], least: float) -> dict[str, Any] | None:

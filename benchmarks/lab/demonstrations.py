@@ -7,19 +7,23 @@ an epoch's test first reached the score; recorded steps do not count. The same c
 interrupted training.
 """
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import tyro
 
-from benchmarks.lab.policy import TrainingOptions, first_at, scores_of, summary_of_all, train
-from benchmarks.quoted_flags import quoted_flags
+from benchmarks.lab.policy import (
+    TrainingOptions,
+    first_at,
+    noted,
+    scores_of,
+    summary_of_all,
+    train,
+)
 from benchmarks.report import Report, main
 from common.atomic_file import write_json
 from common.checked import FromOne
-from common.errors import InputError
 from common.run.epochs import EpochTable
 from common.run.folder import RunFolder
 
@@ -68,13 +72,11 @@ def measure(options: Options) -> Report:
 def _train(options: Options, seed: int, how: str) -> dict[str, Any]:
     folder = RunFolder(options.runs, f"{options.run}-{how}-seed-{seed}")
     given = ["--demonstrations", str(options.recording)] if how == _WITH else []
-    flags = [*quoted_flags(options.learner, "--learner"), "--seed", f"{seed}", *given]
-    asked, told = {"flags": flags, "steps": options.steps}, folder.path / "asked.json"
-    if not told.exists():
+    flags = [*options.learner_flags, "--seed", f"{seed}", *given]
+    asked, note = {"flags": flags, "steps": options.steps}, folder.path / "asked.json"
+    if noted(note, asked, "comparison") is None:
         train(folder, options.steps, flags)
-        write_json(told, asked)
-    elif json.loads(told.read_bytes()) != asked:
-        raise InputError(f"{folder.path} is of another comparison: name another with --run.")
+        write_json(note, asked)
     summary = summary_of_all(folder, options.steps)
     recorded = summary["demonstrations"]
     own = summary["config"]["replay"]["learning_starts"] - recorded

@@ -15,7 +15,6 @@ from typing import Annotated, Any, NamedTuple
 from annotated_types import MinLen
 
 from benchmarks.lab.policy import TrainingOptions, headline, scores_of, train
-from benchmarks.quoted_flags import quoted_flags
 from benchmarks.report import Report, main, measure_missing, resumed, scored
 from common.checked import FromOne
 from common.games import check_game
@@ -80,7 +79,7 @@ class Options(TrainingOptions):
     def flags(self, game: str, env: str) -> list[str]:
         """Returns the flags of a run's learner, without its folder and its steps."""
         run = ["--preset", self.preset, "--env", env, "--game", game, "--seed", f"{self.seed}"]
-        return [*run, "--evaluators", "0", *quoted_flags(self.learner, "--learner")]
+        return [*run, "--evaluators", "0", *self.learner_flags]
 
     def folder(self, game: str, env: str) -> RunFolder:
         return RunFolder(self.runs, f"games-{game}-{env}-{self.seed}".replace("_", "-"))

@@ -22,7 +22,6 @@ from typing import Any, Literal
 
 from benchmarks.lab.games import ANCHORS
 from benchmarks.lab.policy import TrainingOptions, evaluate, first_at, scores_of, train
-from benchmarks.quoted_flags import quoted_flags
 from benchmarks.report import Report, main, scored, with_time_left
 from common.atomic_file import check_new_file, write_atomically, write_json
 from common.checked import Fraction, FromOne
@@ -90,7 +89,7 @@ class Options(TrainingOptions):
     def flags(self, seed: int) -> list[str]:
         """Returns the flags of the learner, without its folder."""
         run = ["--preset", self.preset, "--game", self.game, "--seed", f"{seed}"]
-        return [*run, *FLAGS[self.rung], *quoted_flags(self.learner, "--learner")]
+        return [*run, *FLAGS[self.rung], *self.learner_flags]
 
     def run_name(self, seed: int) -> str:
         parts = ("ladder", self.rung, self.label, self.game, self.preset, f"seed-{seed}")

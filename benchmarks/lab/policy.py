@@ -41,8 +41,13 @@ class TrainingOptions(BenchmarkOptions):
 
     def check(self) -> None:
         super().check()
+        _ = self.learner_flags
+
+    @property
+    def learner_flags(self) -> list[str]:
+        """The words of --learner. Raises InputError if they have flags of the experiment itself."""
         own = {f"--{field.name.replace('_', '-')}" for field in fields(self)}
-        quoted_flags(self.learner, "--learner", own)
+        return quoted_flags(self.learner, "--learner", own)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,6 +83,28 @@ def train(folder: RunFolder, steps: int, flags: Sequence[str]) -> dict[str, Any]
     address = ["--listen", free_endpoint()]
     run_module("learner", "--local", *place, "--steps", f"{steps}", *resumed, *address, *flags)
     return summary_of_all(folder, steps)
+
+
+def noted(note: Path, asked: dict[str, Any], experiment: str) -> dict[str, Any] | None:
+    """Returns what a training left in ``note`` when it was done; None if there is no such file yet.
+
+    Args:
+        asked: what was asked of the training, which is part of its note.
+        experiment: its name, for people.
+
+    Raises:
+        InputError: the note is damaged, or of another training.
+    """
+    if not note.exists():
+        return None
+    try:
+        known: dict[str, Any] = json.loads(note.read_bytes())
+        same = known == known | asked
+    except (ValueError, TypeError):
+        same = False
+    if not same:
+        raise InputError(f"{note} is damaged or of another {experiment}: name another with --run.")
+    return known
 
 
 def summary_of_all(folder: RunFolder, steps: int) -> dict[str, Any]:

@@ -22,7 +22,6 @@ from benchmarks.lab.ladder import MILESTONES
 from benchmarks.lab.policy import TrainingOptions, evaluate, headline, train
 from benchmarks.peer_dqn import Point, peer_curve
 from benchmarks.peers import is_installed
-from benchmarks.quoted_flags import quoted_flags
 from benchmarks.report import (
     Report,
     Table,
@@ -84,7 +83,7 @@ class Options(TrainingOptions):
         preset = ["--preset", self.preset] if self.preset else []
         game = ["--env", self.env, "--game", self.game, "--seed", f"{seed}", "--evaluators", "0"]
         kept = ["--keep-snapshots", "--protocol.epoch-steps", f"{self.every}"]
-        return [*preset, *game, *kept, *quoted_flags(self.learner, "--learner")]
+        return [*preset, *game, *kept, *self.learner_flags]
 
     def folder(self, seed: int) -> RunFolder:
         alike = hashlib.sha256(repr([getattr(self, name) for name in _SAME]).encode())

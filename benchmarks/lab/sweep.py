@@ -22,7 +22,6 @@ from annotated_types import MinLen
 
 from benchmarks.child import free_endpoint
 from benchmarks.lab.policy import TrainingOptions, scores_of
-from benchmarks.quoted_flags import quoted_flags
 from benchmarks.report import Report, main
 from common.checked import Count, FromOne
 from common.command_line.run_options import parse_run
@@ -156,7 +155,7 @@ def _check_training(options: Options, drawn: Sequence[str]) -> None:
         InputError: a flag is unknown or out of its bounds, or a trial would end before its first
             epoch.
     """
-    flags = ["--steps", f"{options.steps}", *quoted_flags(options.learner, "--learner"), *drawn]
+    flags = ["--steps", f"{options.steps}", *options.learner_flags, *drawn]
     learner = parse_run(LearnerOptions, "learner", ["--local", *flags], lambda _: None)
     learner.check()
     config = learner.config
@@ -196,7 +195,7 @@ def _play(options: Options, axes: list[Axis], trial: "Trial") -> float:
     trial.study.sampler = optuna.samplers.TPESampler(seed=seed)
     folder = RunFolder(options.runs, f"{options.study}-{trial.number}")
     drawn = [part for axis in axes for part in (f"--{axis.flag}", axis.draw(trial))]
-    flags = [*quoted_flags(options.learner, "--learner"), "--seed", f"{options.seed}", *drawn]
+    flags = [*options.learner_flags, "--seed", f"{options.seed}", *drawn]
     trial.set_user_attr("command", join(["python", "-m", "learner", "--local", *flags]))
     place = ("--run", folder.name, "--runs", str(options.runs), "--listen", free_endpoint())
     budget = ("--steps", f"{options.steps}", "--evaluators", "0")

@@ -114,9 +114,9 @@ _ROBOT = replace(
     learning=replace(
         _FAST.learning,
         # Half as many samples per agent step as in fast, in four times as many updates: as good
-        # after 400,000 steps, and at 18 points by 260,000 in three runs of six, where fast's took
-        # 355,000 or more. The robot's body leaves time for them, the emulator alone does not
-        # (LOG.md).
+        # after 400,000 steps, and at 18 points by 260,000 in three runs of six; with 128 every
+        # 16 after 355,000 or more. The robot's body leaves time for them, the emulator alone does
+        # not (LOG.md).
         batch_size=16,
         train_period=4,
         learning_rate=2.5e-4,  # shorter steps, since there are four times as many

@@ -218,18 +218,16 @@ class Telemetry(AbstractContextManager["Telemetry"]):
             rate = number(values, "run/test_steps_per_second")
             rate = rate or sum(stats.steps_per_second for stats in evaluators)
             left = number(values, "evaluation/steps_left")
-        elif not _anyone_plays(actors):
-            return None
         else:
-            rate = number(values, "stream/steps_per_second")
+            rate = _rate_of_play(values, actors)
             left = self.phases.steps_left
         return left / rate if rate and left is not None else None
 
     def _seconds_to_goal(self, values: Values, actors: Sequence[ActorView]) -> float | None:
         """Returns the time to the last agent step of the run; None if it, or the rate with
         updates, is unknown, or nobody plays."""
-        goal, rate = (number(values, key) for key in ("run/steps_goal", "stream/steps_per_second"))
-        if goal is None or not rate or not self.phases.epoch or not _anyone_plays(actors):
+        goal, rate = number(values, "run/steps_goal"), _rate_of_play(values, actors)
+        if goal is None or not rate or not self.phases.epoch:
             return None
         return max(goal - self.phases.agent_steps, 0.0) / rate
 
@@ -300,5 +298,7 @@ def _together(*parts: Values) -> dict[str, Value]:
     return found
 
 
-def _anyone_plays(actors: Sequence[ActorView]) -> bool:
-    return any(actor.alive for actor in actors if actor.stats.role == "actor")
+def _rate_of_play(values: Values, actors: Sequence[ActorView]) -> float | None:
+    """Returns the recent agent steps per second; None if they are unknown, or nobody plays now."""
+    plays = any(actor.alive for actor in actors if actor.stats.role == "actor")
+    return number(values, "stream/steps_per_second") if plays else None

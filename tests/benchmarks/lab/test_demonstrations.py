@@ -51,5 +51,11 @@ def test_steps_of_their_own_are_compared(tmp_path: Path, monkeypatch: pytest.Mon
     assert never.content["saved"] == [None, None]
     assert never.notes == ("in no pair did both runs reach the score",)
     other = replace(options, learner="--env ale")
-    with pytest.raises(InputError, match="without-seed-1 is of another comparison: name another"):
+    with pytest.raises(
+        InputError,
+        match=r"without-seed-1/asked\.json is damaged or of another comparison: name another",
+    ):
         demonstrations.measure(other)
+    (tmp_path / "runs" / "demonstrations-without-seed-1" / "asked.json").write_text('{"flags": [')
+    with pytest.raises(InputError, match=r"without-seed-1/asked\.json is damaged or of another"):
+        demonstrations.measure(options)
