@@ -18,6 +18,7 @@ from typing import Any
 
 from common.errors import InputError
 from common.process.program_end import exit_on_input_error
+from common.process.restarts import end_with_parent
 from common.process.supervisor import Child
 
 
@@ -62,7 +63,8 @@ def run_program(work: Callable[[], int | None]) -> None:
 def run_module(module: str, *arguments: str, quiet: bool = False) -> None:
     """Runs ``python -m module`` on this terminal, and waits until it has ended.
 
-    When this process is interrupted, the module is asked to end and may still write a checkpoint.
+    When this process is interrupted or killed, the module is asked to end and may still write a
+    checkpoint.
 
     Args:
         quiet: whether only its errors are shown.
@@ -71,7 +73,8 @@ def run_module(module: str, *arguments: str, quiet: bool = False) -> None:
         InputError: the module failed and printed why.
     """
     output = subprocess.DEVNULL if quiet else None
-    process = subprocess.Popen([sys.executable, "-m", module, *arguments], stdout=output)
+    command = [sys.executable, "-m", module, *arguments]
+    process = subprocess.Popen(command, stdout=output, preexec_fn=end_with_parent)
     try:
         process.wait()
     except KeyboardInterrupt:

@@ -15,7 +15,7 @@ from common.transport.signature import Sign
 from learner.algorithm.interface import Algorithm
 from learner.broadcast import Broadcast
 from learner.checkpoint import Checkpoint
-from learner.demonstrations import DemonstrationsRecord
+from learner.demonstrations.record import DemonstrationsRecord
 from learner.device import Device
 from learner.evaluation.coordinator import EvaluationCoordinator
 from learner.evaluation.service import serve_evaluators

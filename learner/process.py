@@ -24,7 +24,8 @@ from common.run.origin import identity_of
 from common.transport.signature import signer
 from learner.algorithm.interface import build_algorithm
 from learner.assembly import build_learner
-from learner.demonstrations import Demonstrations, begin_with, insert_all
+from learner.demonstrations.recording import Demonstrations
+from learner.demonstrations.start import begin_with, insert_all
 from learner.device import Device, choose_device
 from learner.endpoints import open_pages, open_replay
 from learner.first_network import first_network

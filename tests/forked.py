@@ -12,7 +12,7 @@ import runpy
 import subprocess
 import sys
 import termios
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from multiprocessing import forkserver, reduction
 from pathlib import Path
 from typing import Any
@@ -49,11 +49,14 @@ def _become(
     arguments: Sequence[str],
     environment: Mapping[str, str],
     forks: bool = True,
+    first: Callable[[], object] | None = None,
 ) -> None:
     os.setsid()
     os.chdir(folder)
     for number, stream in enumerate(streams):
         os.dup2(stream, number)
+    if first is not None:  # what it asks of a parent, it asks of the server that forks
+        first()
     if os.isatty(0):
         fcntl.ioctl(0, termios.TIOCSCTTY, 0)
     # The server's own were made for other files.
@@ -93,7 +96,6 @@ _poll, _wait = subprocess.Popen.poll, subprocess.Popen.wait
 
 _USUAL = {
     "executable": None,
-    "preexec_fn": None,
     "close_fds": True,
     "pass_fds": (),
     "shell": False,
@@ -125,7 +127,8 @@ def _start(self: Any, args: Any, *more: Any) -> None:
     theirs = enumerate((told["p2cread"], told["c2pwrite"], told["errwrite"]))
     streams = [_Stream(number if given == -1 else given) for number, given in theirs]
     folder = told["cwd"] or Path.cwd()
-    self.fork = FORKS.Process(target=_become, args=(folder, streams, args[1:], environment))
+    start = (folder, streams, args[1:], environment, True, told["preexec_fn"])
+    self.fork = FORKS.Process(target=_become, args=start)
     self.fork.start()
     self.pid = self.fork.pid
     pipes = ("p2cread", "p2cwrite", "c2pread", "c2pwrite", "errread", "errwrite")

@@ -14,12 +14,22 @@ from actors.policy import Policy
 from common.network import QNetwork
 from common.settings.config import RunConfig
 from common.settings.presets import PRESETS
-from tests.actors.numbered_env import NumberedEnv
+from tests.actors.numbered_env import GAME_OVER, GOES_ON, LOSES_A_LIFE, NumberedEnv
 from viewer.recorder import Recorder
 
 CONFIG = PRESETS["fast"]
 _WITH_VECTOR = replace(CONFIG.play, vector=True, vector_commands=1, vector_key_frames=1)
 WITH_VECTOR = replace(CONFIG, play=_WITH_VECTOR)
+SCRIPT = [*[GOES_ON] * 9, LOSES_A_LIFE, *[GOES_ON] * 5, GAME_OVER]
+
+
+def run_config(config: RunConfig = CONFIG, *, capacity: int = 2_000, length: int = 8) -> RunConfig:
+    return replace(
+        config,
+        replay=replace(config.replay, capacity=capacity, learning_starts=100),
+        learning=replace(config.learning, batch_size=32),
+        stream=replace(config.stream, chunk_steps=length),
+    )
 
 
 def record(

@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,6 @@ import pytest
     ("name", "value"),
     [
         ("executable", "/bin/true"),
-        ("preexec_fn", os.getpid),
         ("close_fds", False),
         ("pass_fds", (0,)),
         ("shell", True),
@@ -36,7 +36,8 @@ def test_what_a_fork_has_not_is_refused(name: str, value: Any) -> None:
 def test_what_a_fork_has_is_given(tmp_path: Path) -> None:
     (tmp_path / "told.py").write_text(
         "import os, sys\n"
-        "print(os.getcwd(), os.environ['TOLD'], sys.argv[1], input(), os.getsid(0) == os.getpid())"
+        "leads = os.getsid(0) == os.getpid()\n"
+        "print(os.getcwd(), os.environ['TOLD'], sys.argv[1], input(), leads, os.nice(0))"
     )
     done = subprocess.run(
         [sys.executable, "-m", "told", "word"],
@@ -46,6 +47,7 @@ def test_what_a_fork_has_is_given(tmp_path: Path) -> None:
         capture_output=True,
         text=True,
         start_new_session=True,
+        preexec_fn=partial(os.nice, 1),
     )
     assert (done.returncode, done.stderr) == (0, "")
-    assert done.stdout == f"{tmp_path} hint word line True\n"
+    assert done.stdout == f"{tmp_path} hint word line True {os.nice(0) + 1}\n"

@@ -109,16 +109,17 @@ def test_a_module_is_asked_to_end_before_an_interrupt_goes_on(
     assert (tmp_path / "left").exists()
 
 
-def test_a_program_that_is_asked_to_end_asks_what_it_started(tmp_path: Path) -> None:
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
+def test_a_program_that_ends_asks_what_it_started(number: signal.Signals, tmp_path: Path) -> None:
     (tmp_path / "waits.py").write_text(WAITS)
     program = "from benchmarks.child import *; run_program(lambda: run_module('waits'))"
     environment = {**os.environ, "PYTHONPATH": f"{ROOT}:{tmp_path}"}
     command = [sys.executable, "-c", program]
     with subprocess.Popen(command, cwd=tmp_path, env=environment) as process:
         wait_until((tmp_path / "ready").exists, "it works")
-        process.terminate()
-    assert process.returncode == INTERRUPTED
-    assert (tmp_path / "left").exists()
+        process.send_signal(number)
+    assert process.returncode == (INTERRUPTED if number == signal.SIGTERM else -number)
+    wait_until((tmp_path / "left").exists, "what it started was asked to end")
 
 
 def test_a_run_that_cannot_be_hosted_says_why() -> None:

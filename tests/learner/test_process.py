@@ -18,6 +18,7 @@ from common.run.network_file import encode_network_file
 from common.run.newest_learner import NewestLearner
 from common.settings.config import RunConfig
 from learner import process
+from learner.demonstrations import start
 from learner.first_network import first_network
 from learner.options import LearnerOptions, stored_config
 
@@ -72,7 +73,7 @@ def test_a_learner_that_is_stopped_while_it_sends_demonstrations_publishes_no_we
     given = ["--runs", str(tmp_path), "--run", "r", "--env", "ale", "--threads=1"]
     options = parse_run(LearnerOptions, "learner", given, stored_config)
     sent = None if stopped else Mock(encode=lambda: b"complete")
-    recorded = Mock(insert=lambda *given: sent, begun=Mock(encode=lambda: b"begun"))
+    recorded = Mock(begun=Mock(encode=lambda: b"begun"))
     learner, replay = MagicMock(failed=None, phases=Mock(done=False)), Mock(run_id="id")
     learner.evaluation.snapshots.keep = stopped
     replay.progress.return_value.file_bytes = 0
@@ -90,6 +91,7 @@ def test_a_learner_that_is_stopped_while_it_sends_demonstrations_publishes_no_we
         **dict.fromkeys(("build_algorithm", "on_signals", "end_with_any_thread"), MagicMock()),
     }.items():
         monkeypatch.setattr(process, name, found)
+    monkeypatch.setattr(start, "insert", lambda *given: sent)
     assert process.train(options, again=False) == 0
     assert learner.start.called == learner.run.called != stopped
     assert learner.telemetry.__exit__.called

@@ -30,7 +30,7 @@ from common.dataset.layout import (
 )
 from common.dataset.reader import Dataset
 from common.errors import InputError
-from learner.demonstrations import Demonstrations
+from learner.demonstrations.recording import Demonstrations
 from tests.actors.numbered_env import GAME_OVER, GOES_ON
 from tests.paths import ROOT
 from tests.recordings import CONFIG, record

@@ -20,7 +20,7 @@ from common.run.epochs import EpochTable
 from common.run.folder import JOURNAL, Part, RunFolder
 from common.settings.config import RunConfig
 from common.settings.presets import PRESETS
-from learner.demonstrations import DemonstrationsRecord
+from learner.demonstrations.record import DemonstrationsRecord
 from replay.journal import read_journal
 from tests.paths import ROOT
 from tests.patience import PATIENCE
@@ -251,7 +251,7 @@ HOLDER = """
 import sys
 from pathlib import Path
 from common.settings.presets import PRESETS
-from learner.demonstrations import DemonstrationsRecord
+from learner.demonstrations.record import DemonstrationsRecord
 from replay.journal import read_journal
 from common.run.folder import RunFolder
 
