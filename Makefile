@@ -124,10 +124,9 @@ figures: setup  ## draw the figures of docs/ from the results
 	$(PLOT) --figure latency $(RESULTS)/hand_latency.csv -o docs/hand_latency.png \
 		--names "trained without latency (ale_pong)" "trained with 33 ms of latency (R2)"
 	$(PLOT) --figure press $(RESULTS)/press_latency.json -o docs/press_latency.png
-	$(PLOT) --figure race $(addprefix $(RESULTS)/race_,ale_450k.json robot_16_preset.json robot_16.json robot_short.json ale_peer.json) \
-		-o docs/race.png --names "emulator alone, preset fast" "robot, preset robot" \
-		"robot, the same settings, seed 2" "robot, an earlier version" \
-		"stable-baselines3, emulator alone"
+	$(PLOT) --figure race $(addprefix $(RESULTS)/race_,ale_450k.json ale_peer.json robot_400k.json robot_before.json) \
+		-o docs/race.png --names "emulator alone, preset fast" "stable-baselines3, emulator alone" \
+		"robot, preset robot" "robot, the preset before"
 	$(PLOT) --figure robustness $(patsubst %,$(RESULTS)/robustness_robot_pong_%.json,sticky worlds robust_sticky) -o docs/robustness.png
 	$(PLOT) --figure robustness $(wildcard $(RESULTS)/latency_*.json) -o docs/latency.png
 	$(PLOT) --figure games $(RESULTS)/games.json -o docs/games.png

@@ -114,7 +114,7 @@ _ROBOT = replace(
     learning=replace(
         _FAST.learning,
         # Half as many samples per agent step as in fast, in four times as many updates: as good
-        # after 400,000 steps, and at 18 points by 260,000 in three runs of six; with 128 every
+        # after 400,000 steps, and at 18 points by 260,000 in three runs of nine; with 128 every
         # 16 after 355,000 or more. The robot's body leaves time for them, the emulator alone does
         # not (LOG.md).
         batch_size=16,
