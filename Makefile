@@ -41,7 +41,7 @@ $(VENV)/.installed: requirements.lock requirements-torch.lock pyproject.toml
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check $$index -r requirements-torch.lock
 	@echo "installing ALE-Robot from this folder"
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
-	@$(BIN)/python -c 'import torch; print("done, with PyTorch", torch.__version__)'
+	@$(BIN)/python -c 'import torch; print(f"done, with PyTorch {torch.__version__}: next, . $(BIN)/activate && ale-robot watch")'
 	@touch $@
 
 # How the run says at its end that it goes on, if it is one that `make train` finds again below.

@@ -15,7 +15,7 @@ from rich.console import Console
 from rich.table import Table
 
 from benchmarks.child import run_module, run_program
-from benchmarks.registry import BENCHMARKS, RESULTS
+from benchmarks.registry import BENCHMARKS, RESULTS, experiments
 from common.errors import InputError, choice
 
 ALL = "all"
@@ -33,6 +33,8 @@ def main(arguments: Sequence[str]) -> None:
         run_all()
     elif name == ALL:
         raise InputError("all runs with the published flags: give flags to a single benchmark.")
+    elif name in experiments():
+        raise InputError(f"{name} is an experiment: `python -m benchmarks.lab {name}` runs it.")
     else:
         raise InputError(f"there is no benchmark {name}: {choice(name, [*BENCHMARKS, ALL])}")
 
@@ -46,6 +48,9 @@ def show_list() -> None:
         made = (f"{file}.json {flags}" for file, flags in benchmark.published.items())
         table.add_row(name, benchmark.measures, "\n".join(made))
     Console().print(table)
+    print(
+        "Experiments, with training and games, are in a list of their own: python -m benchmarks.lab"
+    )
 
 
 def run_all() -> None:

@@ -12,7 +12,7 @@ import socket
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -60,7 +60,9 @@ def run_program(work: Callable[[], int | None]) -> None:
     exit_on_input_error(work)
 
 
-def run_module(module: str, *arguments: str, quiet: bool = False) -> None:
+def run_module(
+    module: str, *arguments: str, quiet: bool = False, env: Mapping[str, str] | None = None
+) -> None:
     """Runs ``python -m module`` on this terminal, and waits until it has ended.
 
     When this process is interrupted or killed, the module is asked to end and may still write a
@@ -68,13 +70,19 @@ def run_module(module: str, *arguments: str, quiet: bool = False) -> None:
 
     Args:
         quiet: whether only its errors are shown.
+        env: environment variables that it gets besides those of this process.
 
     Raises:
         InputError: the module failed and printed why.
     """
     output = subprocess.DEVNULL if quiet else None
     command = [sys.executable, "-m", module, *arguments]
-    process = subprocess.Popen(command, stdout=output, preexec_fn=end_with_parent)
+    process = subprocess.Popen(
+        command,
+        stdout=output,
+        env=os.environ | (env or {}),
+        preexec_fn=end_with_parent,
+    )
     try:
         process.wait()
     except KeyboardInterrupt:

@@ -1,8 +1,9 @@
-"""The benchmarks of speed: what each measures, and the flags that make the published tables.
+"""The benchmarks of speed, with the flags that make the published tables; and the experiments.
 
-To add one, write its module (see `benchmarks.report`) and name it here.
+To add a benchmark, write its module (see `benchmarks.report`) and name it here.
 """
 
+import ast
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -81,3 +82,20 @@ BENCHMARKS = {
     ),
 }
 """All benchmarks by name, in the order in which `make bench` runs them."""
+
+
+def experiments() -> Mapping[str, str]:
+    """Returns what each experiment, a module ``benchmarks.lab.NAME``, measures, by its name.
+
+    The docstring of an experiment begins with its command and a colon.
+    """
+    told = {
+        file.stem: ast.get_docstring(ast.parse(file.read_text(encoding="utf-8"))) or ""
+        for file in sorted((Path(__file__).parent / "lab").glob("[a-z]*.py"))
+    }
+    first = {name: text.partition("\n\n")[0].replace("\n", " ") for name, text in told.items()}
+    return {
+        name: text.partition("`: ")[2]
+        for name, text in first.items()
+        if text.startswith(f"`python -m benchmarks.lab.{name}")
+    }

@@ -178,14 +178,22 @@ def measure_missing(
     return done
 
 
-def with_time_left(work: Sequence[T], words: Callable[[T], str]) -> Iterator[T]:
-    """Yields the parts of ``work``; before each, prints its ``words`` and the time that is left."""
+def with_time_left(
+    work: Sequence[T], words: Callable[[T], str], size: Callable[[T], float] = lambda part: 1.0
+) -> Iterator[T]:
+    """Yields the parts of ``work``; before each, prints its ``words`` and the time that is left.
+
+    Args:
+        size: returns how long a part takes, compared with the others.
+    """
     began = time.monotonic()
-    for done, part in enumerate(work):
-        minutes = (time.monotonic() - began) / max(done, 1) * (len(work) - done) / 60
+    done, whole = 0.0, sum(map(size, work))
+    for number, part in enumerate(work, 1):
+        minutes = (time.monotonic() - began) / (done or 1) * (whole - done) / 60
         left = f", about {minutes:.0f} min left" if done else ""
-        print(f"{done + 1} of {len(work)}{left}: {words(part)}", flush=True)
+        print(f"{number} of {len(work)}{left}: {words(part)}", flush=True)
         yield part
+        done += size(part)
 
 
 @contextmanager
@@ -204,8 +212,9 @@ def reading(file: Path, what: str, benchmark: str) -> Iterator[Any]:
     try:
         yield json.loads(file.read_bytes())
     except (OSError, ValueError, TypeError, KeyError) as error:
+        why = f"it has no {error}" if isinstance(error, KeyError) else error
         raise InputError(
-            f"{file} holds no {what} ({error!r}): write it with "
+            f"{file} holds no {what} ({why}): write it with "
             f"python -m benchmarks.{benchmark} --json FILE."
         ) from None
 

@@ -28,12 +28,15 @@ def resume_flags(arguments: Sequence[str], run: str, *, done: bool) -> list[str]
 
 
 def resume_command(arguments: Sequence[str], run: str, *, done: bool, force: bool = False) -> str:
-    """Returns the command that continues a run, see `resume_flags`: that of make, if make started
-    the run and would give the same flags, or else this program's name with them.
+    """Returns the command that continues a run, see `resume_flags`: that of the experiment of which
+    it is a part; or that of make, if make started the run and would give the same flags; or else
+    this program's name with them.
 
     Args:
         force: whether the command should go on whatever the health checks say.
     """
+    if experiment := os.environ.get("ALE_ROBOT_EXPERIMENT"):
+        return experiment
     flags = [*resume_flags(arguments, run, done=done), *(["--force"] if force else [])]
     by_make = os.environ.get("ALE_ROBOT_AGAIN")
     if by_make and {*arguments} ^ {*flags} <= {"--local", "--resume"}:

@@ -1,6 +1,6 @@
 """The figure of races: scores of tests against the wall clock of training."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -34,14 +34,15 @@ def read_races(paths: Sequence[Path]) -> list[Series]:
     Raises:
         InputError: a file holds something else, or nothing was tested yet.
     """
-    lines: dict[str, list[Points]] = {}
+    lines: dict[tuple[str, ...], list[Points]] = {}
     for path in paths:
-        for series in _read(path):
-            lines.setdefault(series.name, []).extend(series.lines)
-    return [Series(name, found) for name, found in lines.items()]
+        for settings, series in _read(path):
+            lines.setdefault((series.name, *settings), []).extend(series.lines)
+    return [Series(name, found) for (name, *_), found in lines.items()]
 
 
-def _read(path: Path) -> list[Series]:
+def _read(path: Path) -> Iterator[tuple[list[str], Series]]:
+    """Yields a race and its peer, each with the settings that tell it from others of its name."""
     with reading(path, "race", "lab.race") as found:
         lines = [
             _line((test["seconds"], test["mean"]) for test in run["tests"] if "mean" in test)
@@ -49,12 +50,13 @@ def _read(path: Path) -> list[Series]:
         ]
         if not any(map(len, lines)):
             raise ValueError("nothing was tested")
-        tests = f"tests of {found['games']} games at ε = {found['epsilon']:g}"
-        series = [Series(f"{found['title']}, {tests}", lines)]
+        games = f"{found['games']} game{'s' if found['games'] != 1 else ''}"
+        tests = f"tests of {games} at ε = {found['epsilon']:g}"
+        settings = [str(found[name]) for name in ("game", "preset", "learner", "steps", "every")]
+        yield settings, Series(f"{found['title']}, {found['game']}, {tests}", lines)
         if peer := found.get("peer"):
             curve = _line((seconds, mean) for seconds, _, mean in peer["curve"])
-            series.append(Series(f"{peer['name']}, training games", [curve]))
-    return series
+            yield settings[:1], Series(f"{peer['name']}, training games", [curve])
 
 
 def _line(points: Iterable[tuple[float, float]]) -> Points:

@@ -1,4 +1,4 @@
-"""`python -m benchmarks.lab.adaptation POLICY --to="--robot robotroller"`: learning another world.
+"""`python -m benchmarks.lab.adaptation POLICY --to="--robot robotroller"`: learning a new world.
 
 It measures how soon a policy plays as well in another world as in its own. The network plays in its
 own world and, without further training, in the other one. There it is then trained for a fixed

@@ -6,6 +6,8 @@ epochs.
 """
 
 import json
+import shlex
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -18,10 +20,12 @@ from benchmarks.quoted_flags import quoted_flags
 from benchmarks.report import BenchmarkOptions
 from common.checked import Fraction, FromOne
 from common.command_line.parser import WeightsFile
+from common.command_line.run_options import parse_run
 from common.errors import InputError
 from common.run.epochs import EpochPhase, EpochRow
 from common.run.folder import RunFolder
 from learner.evaluation.options import EPSILON, GAMES
+from learner.options import LearnerOptions, stored_config
 
 _MAX_OVER = 2_000
 """Agent steps that actors may play beyond a run's end before its learner has ended, besides a tenth
@@ -78,11 +82,27 @@ def train(folder: RunFolder, steps: int, flags: Sequence[str]) -> dict[str, Any]
                 f"{folder.path} has {trained:,} agent steps instead of {steps:,}, as a run of "
                 "another experiment: name another folder with --runs."
             )
+        if trained >= steps:
+            return summary_of_all(folder, steps)
     resumed = ["--resume"] if folder.config_file.exists() else []
     place = ["--run", folder.name, "--runs", str(folder.path.parent)]
     address = ["--listen", free_endpoint()]
-    run_module("learner", "--local", *place, "--steps", f"{steps}", *resumed, *address, *flags)
+    asked = ["--local", *place, "--steps", f"{steps}", *resumed, *address, *flags]
+    _check_training(asked)
+    # A run is a part of the experiment, which alone goes on with it.
+    again = shlex.join(["python", *sys.orig_argv[1:]])
+    run_module("learner", *asked, env={"ALE_ROBOT_EXPERIMENT": again})
     return summary_of_all(folder, steps)
+
+
+def _check_training(flags: Sequence[str]) -> None:
+    """Raises InputError if `python -m learner` would refuse ``flags``."""
+    try:
+        options = parse_run(LearnerOptions, "learner", flags, stored_config)
+        options.check()
+        options.check_here()
+    except InputError as error:
+        raise InputError(f"python -m learner refuses to train: {error}") from None
 
 
 def noted(note: Path, asked: dict[str, Any], experiment: str) -> dict[str, Any] | None:

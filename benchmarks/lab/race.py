@@ -11,6 +11,7 @@ learner ended by kill -9 loses the time since its last checkpoint.
 
 import csv
 import hashlib
+import json
 import re
 import shlex
 from collections.abc import Sequence
@@ -36,7 +37,8 @@ from common.checked import MAX_NAME, FromOne
 from common.errors import InputError
 from common.run.epochs import EpochTable
 from common.run.folder import RunFolder
-from common.settings.config import PresetName, ProtocolConfig, RunConfig
+from common.settings.config import PresetName, ProtocolConfig
+from learner.evaluation.options import GAMES, HEADLINE
 from learner.evaluation.snapshots import Snapshots
 from learner.phases import RECENT_GAMES
 
@@ -68,7 +70,8 @@ class Options(TrainingOptions):
     every: FromOne = 25_000
     """Agent steps between the weights that are tested."""
     games: FromOne = 5
-    """Number of games in the test of each of these weights, with 0.05 random actions."""
+    """Number of games in the test of each of these weights, with 0.05 random actions. The last
+    weights also play the 90 games of --headline."""
     peer: bool = False
     """Also train stable-baselines3's DQN for as long as the longest run, with our warm-up and ε,
     and show its training games. It plays Pong by the emulator alone."""
@@ -109,7 +112,9 @@ def measure(options: Options) -> Report:
     tests = [(run, test) for run in runs for test in run["tests"] if "mean" not in test]
     last = [(run, None) for run in runs if "headline" not in run]
     for run, test in with_time_left(
-        [*tests, *last], lambda work: f"test of seed {work[0]['seed']}"
+        [*tests, *last],
+        lambda work: f"{'test' if work[1] else 'headline'} of seed {work[0]['seed']}",
+        lambda work: options.games if work[1] else len(HEADLINE) * GAMES,
     ):
         _test(options, run, test)
         write(options.json, found)
@@ -143,14 +148,16 @@ def _train(options: Options, seed: int) -> dict[str, Any]:
                 "agent_steps": row.agent_steps(warm_up),
             }
             for row in EpochTable(folder.epochs).rows()
-            if row.phase == "train"
+            if row.phase == "train" and row.epoch  # not the warm-up, whatever its ε
         ],
     }
 
 
 def _train_peer(options: Options, seconds: float) -> dict[str, Any]:
     print(f"training of {_PEER}, {seconds / 60:.0f} min", flush=True)
-    config = options.folder(options.seed).stored_config() or RunConfig()
+    folder = options.folder(options.seed)
+    if (config := folder.stored_config()) is None:
+        raise InputError(f"{folder.path}, which has the peer's warm-up and ε, is gone: race anew.")
     curve = peer_curve(config, seconds, RECENT_GAMES)
     return {"name": _PEER, "curve": curve, "training": _reached(curve)}
 
@@ -160,6 +167,12 @@ def _test(options: Options, run: dict[str, Any], test: dict[str, Any] | None) ->
     with its last weights."""
     folder = options.folder(run["seed"])
     if test is None:
+        trained = json.loads(folder.summary.read_bytes())["updates"]
+        if trained != run["updates"]:
+            raise InputError(
+                f"{folder.path} was trained on, to {trained:,} updates instead of "
+                f"{run['updates']:,}: its last weights are gone; race anew with other --runs."
+            )
         run["headline"] = headline(folder.checkpoint)
         return
     network = Snapshots(folder.snapshots).file(test["epoch"])
@@ -177,7 +190,7 @@ def _reached(points: Sequence[Point]) -> dict[str, Any]:
 
 def _tables(found: dict[str, Any]) -> list[Table]:
     runs, peers = found["runs"], [found["peer"]] if "peer" in found else []
-    recent, test = f"last {RECENT_GAMES} of training", f"test, {found['games']}"
+    recent, test = f"last {RECENT_GAMES} of training", f"test of {found['games']}"
     first = [
         {"run": run.get("name", f"seed {run.get('seed')}"), "games": games}
         | {
@@ -198,7 +211,7 @@ def _tables(found: dict[str, Any]) -> list[Table]:
     ]
     title = f"{found['title']}, {found['game']}"
     return [
-        Table(f"{title}: first wall clock and agent step of a mean", first),
+        Table(f"{title}: wall clock and agent step at which a mean score was first reached", first),
         Table(f"{title}: the last weights after {found['steps']:,} steps", last),
     ]
 

@@ -1,4 +1,4 @@
-"""`python -m benchmarks.lab.robustness policies/robot_pong.safetensors --json FILE`: other worlds.
+"""`python -m benchmarks.lab.robustness robot_pong --json FILE`: games in other worlds.
 
 A policy plays in worlds other than its own. Each cell of a grid adds an actuation latency to the
 hands and a fault to the eye; nothing is learned. The same command plays the cells that are missing

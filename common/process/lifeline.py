@@ -42,7 +42,8 @@ def on_signals(stop: threading.Event) -> None:
 
     Signals that come together count as one, because `timeout` and some terminals send a signal both
     to the process and to its group. SIGHUP, from a terminal that closes, never ends the process at
-    once, because nobody is there to be impatient. Under `nohup` it is ignored.
+    once, because nobody is there to be impatient, and neither does a signal after the parent's end.
+    Under `nohup`, SIGHUP is ignored.
     """
     from common.process.log_lines import line
 
@@ -52,6 +53,7 @@ def on_signals(stop: threading.Event) -> None:
     def heed() -> None:
         global _was_asked
         first: float | None = None
+        parent = os.getppid()
         while True:
             number = os.read(told, 1)[0]
             if number not in heeded:
@@ -61,6 +63,8 @@ def on_signals(stop: threading.Event) -> None:
             if first is None:
                 first = now
                 stop.set()
+            elif os.getppid() != parent:  # so the signal may be Linux's, see `end_with_parent`
+                parent = os.getppid()
             elif now - first > _TOGETHER and number != signal.SIGHUP:
                 _say_cut_short(line)
                 os._exit(128 + number)

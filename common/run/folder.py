@@ -153,10 +153,10 @@ class RunFolder:
             hint = choice(self.name, runs, "start it without --resume.")
             raise InputError(f"there is no run in {self.path} to resume: {hint}")
         if not resume and self._has_started(part):
-            raise InputError(
-                f"{self.path} already holds a run: go on with it by --resume, "
-                "name another with --run, or delete that folder."
-            )
+            others = "go on with it by --resume, name another with --run, or delete that folder"
+            if self.is_at_work(part):
+                others = f"a {part} is at work there: name another with --run"
+            raise InputError(f"{self.path} already holds a run: {others}.")
         # The settings of a start that failed, for lack of space or by a setting, may be changed.
         bound = resume or self.checkpoint.exists() or self.replay.exists() or self.is_at_work()
         if bound and stored is not None and (unequal := differences(stored, config)):

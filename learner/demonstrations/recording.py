@@ -59,10 +59,10 @@ class Demonstrations:
                 f"the rewards in {path} were discounted with another --learning.discount: give "
                 f"the run {discount:g}, or record others."
             )
-        if stats.steps > config.replay.capacity:
+        if self._slots > config.replay.capacity:
             raise InputError(
                 f"{path} has {stats.steps:,} steps, too many for the replay: raise "
-                "--replay.capacity, or record fewer."
+                f"--replay.capacity to {self._slots:,} at least, or record fewer."
             )
         self.begun = DemonstrationsRecord(
             str(path.resolve()), self._dataset.fingerprint, stats.steps
@@ -91,9 +91,11 @@ class Demonstrations:
     def _counted(self, path: Path) -> ActorStats:
         """Returns the counters of the actor that sends all chunks, each of which it checks."""
         stats = ActorStats(DEMONSTRATIONS, "actor", epsilon=0.0)
+        self._slots = 0  # those of the replay that they take, with the last frames of cut games
         for chunk in self._chunks("", 0):
             stats.made += 1
             stats.steps += len(chunk)
+            self._slots += len(chunk) + len(chunk.final_frames)
             stats.valid += int(np.count_nonzero(chunk.valid))
             stats.matched += int(np.count_nonzero(chunk.matched))
             stats.decisions += int(chunk.elapsed.sum())

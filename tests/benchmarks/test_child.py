@@ -122,6 +122,38 @@ def test_a_program_that_ends_asks_what_it_started(number: signal.Signals, tmp_pa
     wait_until((tmp_path / "left").exists, "what it started was asked to end")
 
 
+SLOW = """
+import pathlib, threading, time
+from common.process import lifeline
+lifeline._TOGETHER = -1.0  # no two signals are one
+stop = threading.Event()
+lifeline.on_signals(stop)
+pathlib.Path("ready").touch()
+stop.wait()
+pathlib.Path("asked").touch()
+while not pathlib.Path("go").exists():
+    time.sleep(0.01)
+pathlib.Path("left").touch()
+"""
+
+
+def test_a_program_that_is_killed_while_it_waits_leaves_what_it_started_its_time(
+    tmp_path: Path,
+) -> None:
+    """`timeout -k` and schedulers do so; Linux then sends a second SIGTERM."""
+    (tmp_path / "waits.py").write_text(SLOW)
+    program = "from benchmarks.child import *; run_program(lambda: run_module('waits'))"
+    environment = {**os.environ, "PYTHONPATH": f"{ROOT}:{tmp_path}"}
+    command = [sys.executable, "-c", program]
+    with subprocess.Popen(command, cwd=tmp_path, env=environment) as process:
+        wait_until((tmp_path / "ready").exists, "it works")
+        process.terminate()
+        wait_until((tmp_path / "asked").exists, "it was asked to end")
+        process.kill()
+    (tmp_path / "go").touch()
+    wait_until((tmp_path / "left").exists, "it has ended in its own time")
+
+
 def test_a_run_that_cannot_be_hosted_says_why() -> None:
     with (
         pytest.raises(InputError, match=r"the replay ended, and said: .*capacity"),

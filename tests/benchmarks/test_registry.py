@@ -17,7 +17,8 @@ import tyro
 
 from benchmarks import __main__ as command
 from benchmarks import scaling
-from benchmarks.registry import BENCHMARKS, RESULTS
+from benchmarks.lab import __main__ as lab
+from benchmarks.registry import BENCHMARKS, RESULTS, experiments
 from benchmarks.report import BenchmarkOptions, Report, run, write
 from common.command_line.parser import check_bounds
 from common.errors import InputError
@@ -69,7 +70,7 @@ def test_every_experiment_ends_with_what_it_started() -> None:
     programs = {
         module.stem: text.partition('if __name__ == "__main__":\n')[2].strip()
         for module in (ROOT / "benchmarks" / "lab").glob("*.py")
-        if "__main__" in (text := module.read_text())
+        if module.stem != "__main__" and "__main__" in (text := module.read_text())
     }
     assert len(programs) > 10
     others = {name for name, end in programs.items() if not end.startswith(f'main("lab.{name}", ')}
@@ -96,6 +97,24 @@ def test_without_a_name_all_are_listed(capsys: pytest.CaptureFixture[str]) -> No
     command.main([])
     listed = capsys.readouterr().out
     assert all(name in listed for name in BENCHMARKS)
+
+
+def test_every_experiment_is_listed_with_what_it_measures(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    lab.main([])
+    listed = capsys.readouterr().out
+    programs = {
+        module.stem
+        for module in (ROOT / "benchmarks" / "lab").glob("*.py")
+        if f'    main("lab.{module.stem}"' in module.read_text()
+    }
+    assert programs == set(experiments())
+    assert all(name in listed and measures for name, measures in experiments().items())
+    with pytest.raises(InputError, match="race is an experiment: `python -m"):
+        command.main(["race"])
+    with pytest.raises(InputError, match=r"no experiment rice: did you mean race\?$"):
+        lab.main(["rice"])
 
 
 @pytest.mark.parametrize("words", [["nothing"], ["all", "--seconds", "1"]])

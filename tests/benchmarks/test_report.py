@@ -1,12 +1,13 @@
 """What the files of benchmarks hold."""
 
 import json
+import time
 from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
 
-from benchmarks.report import BenchmarkOptions, Report, measure_missing, run
+from benchmarks.report import BenchmarkOptions, Report, measure_missing, run, with_time_left
 from learner.telemetry import provenance as provenance_module
 from learner.telemetry.provenance import provenance
 
@@ -43,3 +44,17 @@ def test_a_result_names_the_commit_at_which_its_program_began(
         provenance.cache_clear()
     assert written == [False, "before"]
     assert json.loads(file.read_bytes())["git_commit"] == "before"
+
+
+def test_the_time_left_counts_how_long_each_part_takes(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    now = [0.0]
+    monkeypatch.setattr(time, "monotonic", lambda: now[0])
+    for _ in with_time_left([1, 1, 18], "{} games".format, float):
+        now[0] += 60.0
+    assert capsys.readouterr().out.splitlines() == [
+        "1 of 3: 1 games",
+        "2 of 3, about 19 min left: 1 games",
+        "3 of 3, about 18 min left: 18 games",
+    ]

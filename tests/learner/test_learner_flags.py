@@ -465,6 +465,15 @@ def test_a_run_that_make_started_goes_on_by_make(
     assert resume_command(arguments.split(), "r", done=done, force=force) == told
 
 
+def test_a_run_that_is_a_part_of_an_experiment_goes_on_by_that(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv("ALE_ROBOT_EXPERIMENT", "python -m benchmarks.lab.race")
+    for done in (True, False):
+        told = resume_command(["--local", "--steps", "9"], "r", done=done)
+        assert told == "python -m benchmarks.lab.race"
+
+
 def test_a_run_that_ended_before_its_first_checkpoint_has_the_network_it_was_given(
     tmp_path: Path,
 ) -> None:

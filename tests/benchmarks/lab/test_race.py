@@ -6,6 +6,7 @@ import re
 import shlex
 import threading
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -24,10 +25,11 @@ from common.checked import MAX_NAME
 from common.command_line.run_options import parse_run
 from common.errors import InputError
 from common.registry import ENVIRONMENTS
-from common.run.epochs import EpochTable
+from common.run.epochs import EpochPhase, EpochTable
 from common.run.folder import RunFolder
 from common.settings.clock import ClockConfig
 from common.settings.config import RunConfig
+from common.settings.stored_config import to_json
 from learner.evaluation import offline
 from learner.evaluation.options import EvaluationOptions
 from learner.figures.plot import Options as Drawing
@@ -56,6 +58,7 @@ class Lab:
         self.left = 10**6
         self.steps = 2_100
         self.epochs = tuple(TESTS)
+        self.warm_up: EpochPhase = "random"
 
     def train(self, folder: RunFolder, steps: int, flags: Sequence[str]) -> dict[str, Any]:
         self.trained.append(folder.name)
@@ -65,6 +68,7 @@ class Lab:
         assert options.config.protocol.epoch_steps == 500
         folder.path.mkdir(parents=True, exist_ok=True)
         folder.checkpoint.touch()
+        folder.config_file.write_text(to_json(options.config))
         summary = {
             **{"preset": options.config.preset, "agent_steps": self.steps, "updates": 300},
             **{"wall_seconds": 42.0, "git_commit": "c0ffee", "git_dirty": False},
@@ -76,7 +80,7 @@ class Lab:
         folder.gates.write_text("\n".join(lines) + "\n")
         folder.epochs.unlink(missing_ok=True)
         table = EpochTable(folder.epochs)
-        table.append(epoch_row([1.0], phase="random"))
+        table.append(epoch_row([1.0], phase=self.warm_up))
         for epoch in self.epochs:
             times = {"total_train_steps": 500 * epoch, "total_time": 12.0 * epoch}
             table.append(epoch_row([1.0], epoch=epoch, phase="train", **times))
@@ -130,6 +134,39 @@ def test_a_long_label_is_cut_in_the_name_of_a_run(lab: Lab, tmp_path: Path) -> N
     assert re.fullmatch(rf"{cut}-[0-9a-f]{{8}}-seed-4294967295", name)
     assert len(name) == MAX_NAME
     assert content["title"] == f"{label} (ale)"
+
+
+def test_a_warm_up_with_a_network_has_no_weights_to_test(lab: Lab, tmp_path: Path) -> None:
+    lab.warm_up = "train"  # --exploration.start below 1
+    content = raced(tmp_path, "--seeds", "1")
+    assert [test["epoch"] for test in content["runs"][0]["tests"]] == list(TESTS)
+
+
+def test_weights_that_were_trained_on_are_not_those_of_the_race(lab: Lab, tmp_path: Path) -> None:
+    lab.left = len(TESTS)
+    with pytest.raises(KeyboardInterrupt):
+        raced(tmp_path, "--seeds", "1")
+    lab.left = 10**6
+    [name] = lab.trained
+    summary = RunFolder(tmp_path, name).summary
+    summary.write_text(summary.read_text().replace('"updates": 300', '"updates": 301'))
+    with pytest.raises(InputError, match="was trained on, to 301 updates instead of 300"):
+        raced(tmp_path, "--seeds", "1")
+
+
+def test_a_peer_without_the_runs_settings_is_not_raced(lab: Lab, tmp_path: Path) -> None:
+    options = race.Options(env="ale", runs=tmp_path)
+    with pytest.raises(InputError, match="the peer's warm-up and ε, is gone"):
+        race._train_peer(options, 1.0)
+
+
+@pytest.mark.parametrize(
+    "other",
+    [{"learner": "--envs 2"}, {"steps": 3_000}, {"every": 501}, {"games": 4}, {"preset": "paper"}],
+)
+def test_races_of_other_settings_have_folders_of_their_own(other: dict[str, Any]) -> None:
+    options = race.Options(env="ale", learner="--envs 4", steps=2_000, every=500, games=5)
+    assert replace(options, **other).folder(1).name != options.folder(1).name
 
 
 def test_a_race_tells_when_each_score_was_first_reached(
@@ -211,7 +248,7 @@ def test_a_peer_runs_as_long_beside_it(
     assert peer["training"]["0"] == {"seconds": 40.0, "agent_steps": 4_000}
     axes = FIGURES["race"](Drawing((tmp_path / "race.json",))).axes[0]
     lines = {line.get_label(): np.asarray(line.get_xydata()).tolist() for line in axes.get_lines()}
-    ours = "preset fast --envs 4 (ale), tests of 5 games at ε = 0.05"
+    ours = "preset fast --envs 4 (ale), pong, tests of 5 games at ε = 0.05"
     assert lines[ours] == [[0.2, -20.0], [0.4, 4.0], [0.6, 18.0]]
     assert lines["stable-baselines3 DQN, training games"] == [[10 / 60, -20.0], [40 / 60, 1.0]]
     assert [text.get_text() for text in axes.texts] == ["0", "9.3 (human)", "18"]

@@ -120,7 +120,11 @@ def test_resuming_a_name_that_is_almost_a_runs_names_that_run(tmp_path: Path) ->
 
 @pytest.mark.parametrize("left", ["checkpoint", "previous"])
 def test_a_run_that_has_begun_needs_resume(tmp_path: Path, left: str) -> None:
-    getattr(claim(tmp_path), left).write_bytes(b"x")
+    first = claim(tmp_path)
+    getattr(first, left).write_bytes(b"x")
+    with pytest.raises(InputError, match="holds a run: a learner is at work there: name another"):
+        claim(tmp_path)
+    del first  # closes its locks
     with pytest.raises(InputError, match="already holds a run: go on with it by --resume"):
         claim(tmp_path)
 

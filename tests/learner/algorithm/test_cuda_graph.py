@@ -3,11 +3,13 @@
 import copy
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Literal
+from typing import Any, Literal
 
 import pytest
 import torch
-from torch import Tensor
+from torch import Tensor, UntypedStorage
+from torch.utils._python_dispatch import TorchDispatchMode
+from torch.utils._pytree import tree_leaves
 
 from common.network import QNetwork
 from common.settings.config import LearningConfig
@@ -32,9 +34,61 @@ CONFIG = LearningConfig(
 )
 
 
-def _replayed(step: Callable[[Prepared], Update]) -> RecordedStep:
-    """A recording in which the kernels are Python's own."""
+def _called(step: Callable[[Prepared], Update]) -> RecordedStep:
+    """A recording whose launch calls the step."""
     return RecordedStep(step, record=lambda kernels: kernels, aside=lambda kernels: kernels())
+
+
+def _replayed(step: Callable[[Prepared], Update]) -> RecordedStep:
+    """A recording of PyTorch's operations, whose launch runs no Python, as that of a CUDA graph."""
+    return RecordedStep(step, record=_record_operations, aside=lambda kernels: kernels())
+
+
+def _record_operations(kernels: Callable[[], None]) -> Callable[[], None]:
+    """`learner.algorithm.cuda_graph.record_graph` for a CPU."""
+    recorded = _Operations()
+    with recorded:
+        kernels()
+    for storage, before in recorded.written.values():
+        storage.copy_(before)  # a recording does not compute
+    return recorded.launch
+
+
+class _Operations(TorchDispatchMode):  # type: ignore[no-untyped-call]
+    """Remembers each operation with its numbers, the tensors that it reads, and those it writes."""
+
+    def __init__(self) -> None:
+        super().__init__()  # type: ignore[no-untyped-call]
+        self.written: dict[int, tuple[UntypedStorage, UntypedStorage]] = {}
+        """What was written in place, and its content before that, by address."""
+        self._operations: list[tuple[Any, Any, Any, list[Tensor]]] = []
+
+    def __torch_dispatch__(self, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
+        kwargs = kwargs or {}
+        named = zip(func._schema.arguments, args, strict=False)
+        given = [*named, *((each, kwargs.get(each.name)) for each in func._schema.arguments)]
+        for argument, value in given:
+            if argument.alias_info is not None and argument.alias_info.is_write:
+                for tensor in _tensors_of(value):
+                    storage = tensor.untyped_storage()
+                    before = storage.clone()  # type: ignore[no-untyped-call]
+                    self.written.setdefault(storage.data_ptr(), (storage, before))
+        made = func(*args, **kwargs)
+        self._operations.append((func, args, kwargs, _tensors_of(made)))
+        return made
+
+    @torch.no_grad()
+    def launch(self) -> None:
+        for func, args, kwargs, written in self._operations:
+            read = {tensor.untyped_storage().data_ptr() for tensor in _tensors_of((args, kwargs))}
+            again = _tensors_of(func(*args, **kwargs))
+            for tensor, value in zip(written, again, strict=True):
+                if tensor.untyped_storage().data_ptr() not in read:  # neither a view nor in place
+                    tensor.copy_(value)
+
+
+def _tensors_of(values: Any) -> list[Tensor]:
+    return [leaf for leaf in tree_leaves(values) if isinstance(leaf, Tensor)]
 
 
 def _tensors(prepared: Prepared) -> list[Tensor]:
@@ -49,6 +103,13 @@ def _learner(device: Device, config: LearningConfig = CONFIG) -> ValueBased:
     if config.algorithm == "qr_dqn":
         return qr_dqn(QNetwork(6, atoms=config.quantiles), config, device)
     return double_dqn(QNetwork(6), config, device)
+
+
+def _with_rate_on_device(algorithm: ValueBased) -> ValueBased:
+    """As on CUDA, the optimizer reads its rate from a tensor."""
+    for group in algorithm._optimizer._optimizer.param_groups:
+        group["lr"] = torch.tensor(group["lr"])
+    return algorithm
 
 
 def _on(device: torch.device, batch: DeviceBatch) -> DeviceBatch:
@@ -75,10 +136,11 @@ def _state(algorithm: ValueBased) -> dict[str, Tensor]:
 def test_a_recorded_step_has_the_same_updates(
     algorithm: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    config = replace(CONFIG, algorithm=algorithm)
-    plain = _learner(Device(CPU, bfloat16=False), config)
+    # A bound that each gradient exceeds: on a CPU, whether it does so is asked in Python.
+    config = replace(CONFIG, algorithm=algorithm, gradient_norm=1e-3)
+    plain = _with_rate_on_device(_learner(Device(CPU, bfloat16=False), config))
     monkeypatch.setattr(value_based, "RecordedStep", _replayed)
-    recorded = _learner(Device(CPU, bfloat16=False, graphs=True), config)
+    recorded = _with_rate_on_device(_learner(Device(CPU, bfloat16=False, graphs=True), config))
 
     expected, losses = _learned(plain, CPU), _learned(recorded, CPU)
 
@@ -98,7 +160,7 @@ def test_a_recording_reads_where_each_minibatch_is_copied_to() -> None:
         seen.append([each.clone() for each in tensors])
         return Update(torch.zeros(()), *torch.zeros(3, 8))
 
-    recorded = _replayed(step)
+    recorded = _called(step)
     torch.manual_seed(0)
     *names, _ = DeviceBatch._fields  # but for `drawn`
     given = []
@@ -132,7 +194,7 @@ def test_what_a_recording_returned_outlasts_the_next_launch() -> None:
         written.metrics["most"].copy_(prepared.batch.r_t.max())
         return written
 
-    recorded = _replayed(step)
+    recorded = _called(step)
     batches = [random_batch(seed=seed) for seed in range(6)]
     updates = [recorded(algorithm.prepare(batch)) for batch in batches]
     for batch, update in zip(batches[3:], updates[3:], strict=True):
@@ -151,7 +213,8 @@ def test_a_restored_state_is_recorded_anew(monkeypatch: pytest.MonkeyPatch) -> N
         return made[-1]
 
     monkeypatch.setattr(value_based, "RecordedStep", recording)
-    first = _learner(Device(CPU, bfloat16=False, graphs=True))
+    config = replace(CONFIG, gradient_norm=1e-3)
+    first = _with_rate_on_device(_learner(Device(CPU, bfloat16=False, graphs=True), config))
     _learned(first, CPU)
     before = copy.deepcopy(first.state())
     expected = _learned(first, CPU)
@@ -159,6 +222,23 @@ def test_a_restored_state_is_recorded_anew(monkeypatch: pytest.MonkeyPatch) -> N
     first.continue_from(20)
     assert _learned(first, CPU) == pytest.approx(expected, nan_ok=True)
     assert len(made) == 2  # the former one knows where the optimizer's former tensors were
+
+
+def test_a_number_of_python_keeps_its_value_in_a_recording() -> None:
+    """So the tests above would see a step that reads one."""
+    calls = 0
+
+    def step(prepared: Prepared) -> Update:
+        nonlocal calls
+        calls += 1
+        return Update(prepared.batch.r_t.sum() * calls, *torch.zeros(3, 8))
+
+    recorded = _replayed(step)
+    algorithm = _learner(Device(CPU, bfloat16=False))
+    batches = [random_batch(seed=seed) for seed in range(6)]
+    losses = [float(recorded(algorithm.prepare(batch)).loss) for batch in batches]
+    sums = [float(batch.r_t.sum()) for batch in batches]
+    assert losses == pytest.approx([sums[0], 2 * sums[1], 3 * sums[2], *(4 * s for s in sums[3:])])
 
 
 @CUDA

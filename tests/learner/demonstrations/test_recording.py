@@ -130,7 +130,7 @@ def test_a_recording_without_a_whole_step_is_refused(tmp_path: Path) -> None:
             replace(CONFIG, learning=replace(CONFIG.learning, discount=0.5)),
             r"discounted with another --learning.discount: give the run 0.99, or",
         ),
-        (run_config(capacity=40), "too many for the replay: raise --replay.capacity"),
+        (run_config(capacity=47), "too many for the replay: raise --replay.capacity to 48 at"),
     ],
 )
 def test_other_settings_are_refused(tmp_path: Path, changed: RunConfig, reason: str) -> None:
@@ -153,3 +153,18 @@ def test_n_step_and_all_else_that_no_state_depends_on_may_differ(tmp_path: Path)
     record(tmp_path / "d", SCRIPT, 48)
     learning = replace(CONFIG.learning, n_step=7, learning_rate=1e-3)
     Demonstrations(tmp_path / "d", replace(CONFIG, seed=5, learning=learning))
+
+
+def test_a_replay_has_room_for_all_of_them_or_they_are_refused(tmp_path: Path) -> None:
+    """A game that was cut also takes a slot for its last frame."""
+    record(tmp_path / "d", [*[GOES_ON] * 4, CUT], 50)
+    with pytest.raises(InputError, match=r"has 40 steps, too many .* --replay.capacity to 50 at"):
+        Demonstrations(tmp_path / "d", run_config(capacity=49))
+    assert Demonstrations(tmp_path / "d", run_config(capacity=50)).stats.steps == 40
+
+
+def test_two_recordings_are_two_incarnations_of_their_sender(tmp_path: Path) -> None:
+    for name, steps in (("a", 48), ("b", 32), ("c", 48)):
+        record(tmp_path / name, SCRIPT, steps)
+    found = [Demonstrations(tmp_path / name, CONFIG).stats.incarnation for name in "abc"]
+    assert found[0] == found[2] != found[1]

@@ -21,6 +21,7 @@ from learner.demonstrations.recording import Demonstrations
 from learner.demonstrations.start import begin_with, insert, insert_all
 from replay.replay_buffer import ReplayBuffer
 from replay.server import ReplayServer
+from tests.actors.numbered_env import CUT, GOES_ON
 from tests.in_process_transport import InProcessHub, InProcessTransport
 from tests.recordings import CONFIG, SCRIPT, record, run_config
 
@@ -58,6 +59,14 @@ def test_the_replay_takes_them_once_however_often_they_are_sent(tmp_path: Path) 
     with replay(tmp_path / "replay", config) as (buffer, transport):  # another process
         send(Demonstrations(tmp_path / "d", config), buffer, transport)
         assert buffer.progress(0).agent_steps == 48
+
+
+def test_a_replay_that_is_just_large_enough_keeps_them_all(tmp_path: Path) -> None:
+    config = run_config(capacity=50)
+    record(tmp_path / "d", [*[GOES_ON] * 4, CUT], 50)  # cut games also leave a last frame each
+    with replay(tmp_path / "replay", config) as (buffer, transport):
+        assert "40 steps" in send(Demonstrations(tmp_path / "d", config), buffer, transport)[0]
+        assert buffer.progress(0).stored == 40
 
 
 def test_they_are_on_the_disk_before_they_count_as_sent(
