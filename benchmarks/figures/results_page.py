@@ -88,8 +88,11 @@ def markdown(measurement: Mapping[str, Any], which: str | None = None) -> str:
     return table if which else f"{measurement['title']}\n\n{table}"
 
 
-def _minutes(reached: Mapping[str, Any] | None, unit: str = "") -> str:
-    return f"{reached['seconds'] / 60:.1f}{unit}" if reached else "–"
+def _first(reached: Mapping[str, Any] | None) -> str:
+    """Returns the minutes and the thousands of agent steps after which something was reached."""
+    if reached is None:
+        return "–"
+    return f"{reached['seconds'] / 60:.1f} ({reached['agent_steps'] / 1000:.0f}K)"
 
 
 def raced(race: Mapping[str, Any]) -> str:
@@ -113,8 +116,8 @@ def raced(race: Mapping[str, Any]) -> str:
             f"{run['agent_steps']:,}",
             f"{run['wall_seconds'] / 60:.1f}",
             f"{run['steps_per_second']:.0f}",
-            *(_minutes(run["training"][score], " min") for score in scores),
-            ", ".join(_minutes(run["test"][score]) for score in scores),
+            *(_first(run["training"][score]) for score in scores),
+            ", ".join(_first(run["test"][score]) for score in scores),
             *(scored(row, 2) for row in run["headline"]),
         ]
         for run in race["runs"]

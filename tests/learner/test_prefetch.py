@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from learner.algorithm.interface import Prepared
+from learner.algorithm.interface import DeviceBatch, Prepared
 from learner.prefetch import DEPTH, Prefetcher, to_device
 from replay.batch import Batch
 from replay.interface import Replay
@@ -121,6 +121,28 @@ def test_a_minibatch_comes_to_the_device_whole() -> None:
         "scores": [3.5, -1.0],
         "lucky": [True, False],
     }
+
+
+def test_a_gpu_copies_from_pinned_memory_without_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
+    pinned: list[int] = []
+    moved: list[tuple[int, str, bool]] = []
+
+    def pin(tensor: torch.Tensor) -> torch.Tensor:
+        pinned.append(tensor.data_ptr())
+        return tensor
+
+    def move(tensor: torch.Tensor, device: torch.device, *, non_blocking: bool) -> torch.Tensor:
+        moved.append((tensor.data_ptr(), device.type, non_blocking))
+        return tensor
+
+    monkeypatch.setattr(torch.Tensor, "pin_memory", pin)
+    monkeypatch.setattr(torch.Tensor, "to", move)
+    drawn = _batch(1)._replace(drawn={"scores": np.ones(2, np.float32)})
+    to_device(drawn, torch.device("cuda"))
+    assert moved == [(place, "cuda", True) for place in pinned]
+    assert len(moved) == len(DeviceBatch._fields)  # `drawn` has one array
+    to_device(drawn, torch.device("cpu"))
+    assert len(moved) == len(pinned) == len(DeviceBatch._fields)
 
 
 def test_it_draws_no_further_ahead_than_its_depth() -> None:

@@ -101,17 +101,18 @@ A processor, 2 cores, torch 2.13.0, commit 0123456.
 def test_a_race_is_a_row_for_each_run(tmp_path: Path) -> None:
     scores = [(0.001, 0.0, 19.87, 1.14), (0.05, 0.0, 8.5, 7.2), (0.001, 0.25, 2.0, 7.4)]
     names = ("epsilon", "sticky", "mean", "deviation")
+    tested = {"seconds": 540.0, "agent_steps": 160_600}
     run = {
         **{"seed": 1, "agent_steps": 260_224, "wall_seconds": 731.0, "steps_per_second": 356.15},
         "training": {"0": {"seconds": 557.4, "agent_steps": 202_368}, "9.3": None, "18": None},
-        "test": {"0": {"seconds": 540.0}, "9.3": {"seconds": 540.0}, "18": None},
+        "test": {"0": tested, "9.3": tested, "18": None},
         "headline": [dict(zip(names, row, strict=True)) for row in scores],
     }
     (tmp_path / "race_ale.json").write_text(json.dumps(MEASUREMENT | {"runs": [run]}))
     expected = """<!-- race_ale.json -->
 | seed | agent steps | minutes | steps/s | ≥ 0 | ≥ 9.3 | ≥ 18 | tests ≥ 0, 9.3, 18 | ε = 0.001 | ε = 0.05 | ε = 0.001, sticky 0.25 |
 | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: |
-| 1 | 260,224 | 12.2 | 356 | 9.3 min | – | – | 9.0, 9.0, – | 19.87 ± 1.14 | 8.50 ± 7.20 | 2.00 ± 7.40 |
+| 1 | 260,224 | 12.2 | 356 | 9.3 (202K) | – | – | 9.0 (161K), 9.0 (161K), – | 19.87 ± 1.14 | 8.50 ± 7.20 | 2.00 ± 7.40 |
 
 A processor, 2 cores, torch 2.13.0, commit 0123456.
 <!-- end -->
