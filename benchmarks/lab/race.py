@@ -118,6 +118,9 @@ def measure(options: Options) -> Report:
     ):
         _test(options, run, test)
         write(options.json, found)
+    if options.json is not None:
+        draw = f"python -m benchmarks.figures.plot --figure race {shlex.quote(str(options.json))}"
+        notes.append(f"{draw} -o race.png draws it.")
     return Report(_tables(found), found, notes)
 
 
