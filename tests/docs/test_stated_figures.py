@@ -21,7 +21,7 @@ _MADE_ELSEWHERE = {
     "learner_updates_float32": "an AMD EPYC without bfloat16",
     "learner_updates_intel": "an Intel Xeon without AMX",
     "learner_updates_intel_128": "an Intel Xeon without AMX",
-    "learner_updates_seeds": "its losses alone, as learner_updates makes them since it has eight seeds",
+    "learner_updates_seeds": "losses by eight seeds, which learner_updates makes now",
 }
 """Tables of speed that another machine made, or another hour."""
 
