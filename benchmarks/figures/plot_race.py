@@ -7,6 +7,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from benchmarks.lab.ladder import MILESTONES
+from benchmarks.lab.race import SHARED
 from benchmarks.report import reading
 from learner.figures.plot_style import INK, Points, Series, line_figure
 
@@ -52,11 +53,11 @@ def _read(path: Path) -> Iterator[tuple[list[str], Series]]:
             raise ValueError("nothing was tested")
         games = f"{found['games']} game{'s' if found['games'] != 1 else ''}"
         tests = f"tests of {games} at ε = {found['epsilon']:g}"
-        settings = [str(found[name]) for name in ("game", "preset", "learner", "steps", "every")]
+        settings = [str(found[name]) for name in SHARED]
         yield settings, Series(f"{found['title']}, {found['game']}, {tests}", lines)
         if peer := found.get("peer"):
             curve = _line((seconds, mean) for seconds, _, mean in peer["curve"])
-            yield settings[:1], Series(f"{peer['name']}, training games", [curve])
+            yield [found["game"]], Series(f"{peer['name']}, training games", [curve])
 
 
 def _line(points: Iterable[tuple[float, float]]) -> Points:

@@ -44,7 +44,7 @@ from learner.phases import RECENT_GAMES
 
 _PEER = "stable-baselines3 DQN"
 _TEST_EPSILON = ProtocolConfig.test_epsilon
-_SAME = ("env", "game", "preset", "learner", "steps", "every", "games")
+SHARED = ("env", "game", "preset", "learner", "steps", "every", "games")
 """Options that all results of a file share."""
 _TOLD = ("preset", "agent_steps", "updates", "wall_seconds", "git_commit", "git_dirty", "machine")
 """Figures that are taken from a run's ``summary.json``."""
@@ -89,14 +89,14 @@ class Options(TrainingOptions):
         return [*preset, *game, *kept, *self.learner_flags]
 
     def folder(self, seed: int) -> RunFolder:
-        alike = hashlib.sha256(repr([getattr(self, name) for name in _SAME]).encode())
+        alike = hashlib.sha256(repr([getattr(self, name) for name in SHARED]).encode())
         told = re.sub(r"[^a-z0-9]+", "-", f"race {self.env} {self.game} {self.label}".lower())
         unique = f"-{alike.hexdigest()[:8]}-seed-{seed}"
         return RunFolder(self.runs, told.strip("-")[: MAX_NAME - len(unique)] + unique)
 
 
 def measure(options: Options) -> Report:
-    about = {name: getattr(options, name) for name in _SAME} | {"epsilon": _TEST_EPSILON}
+    about = {name: getattr(options, name) for name in SHARED} | {"epsilon": _TEST_EPSILON}
     found = resumed(options.json, about, "race of this budget and these flags")
     notes: list[str] = []
 

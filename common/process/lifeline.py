@@ -60,12 +60,12 @@ def on_signals(stop: threading.Event) -> None:
                 continue
             _was_asked = True
             now = time.monotonic()
+            former, parent = parent, os.getppid()
             if first is None:
                 first = now
                 stop.set()
-            elif os.getppid() != parent:  # so the signal may be Linux's, see `end_with_parent`
-                parent = os.getppid()
-            elif now - first > _TOGETHER and number != signal.SIGHUP:
+            # A signal at the parent's end is Linux's, see `end_with_parent`.
+            elif now - first > _TOGETHER and number != signal.SIGHUP and parent == former:
                 _say_cut_short(line)
                 os._exit(128 + number)
 

@@ -14,7 +14,14 @@ def race(title: str, minutes: float, **more: Any) -> str:
     tests = [{"seconds": 60 * minutes, "mean": 3.0}, {"seconds": 120 * minutes, "mean": 9.0}]
     untested = {"seconds": 180 * minutes}
     run = {"tests": [*tests, untested]}
-    settings = {"game": "pong", "preset": None, "learner": "", "steps": 2_000, "every": 500}
+    settings = {
+        "env": "ale",
+        "game": "pong",
+        "preset": None,
+        "learner": "",
+        "steps": 2_000,
+        "every": 500,
+    }
     about = {"title": title, "games": 3, "epsilon": 0.05, **settings}
     return json.dumps({**about, "runs": [run], **more})
 
